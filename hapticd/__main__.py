@@ -8,9 +8,9 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from .errors import ExitCode, HapticdError, missing_library
+from .errors import ExitCode, HapticdError
 from .tools.arguments import Parser, add_command
 from .tools.outputs import check_arguments
 
@@ -117,6 +117,10 @@ GROUPS = {
 class _Grouped(argparse.RawDescriptionHelpFormatter):
     """A command's help with a heading above the first command of each group."""
 
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog)
+        self._action_max_length = 4 + max(map(len, COMMANDS))  # which argparse knows of options alone
+
     def _format_action(self, action: argparse.Action) -> str:
         heading = GROUPS.get(action.dest)
         return (f"\n  {heading}:\n" if heading else "") + super()._format_action(action)
@@ -165,18 +169,6 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-class _Completion(argparse.Action):
-    """Print a shell's completion of all commands and exit; `shtab` makes it from their parsers."""
-
-    def __call__(self, own: argparse.ArgumentParser, _: object, shell: Any, *__: object) -> None:
-        try:
-            import shtab
-        except ImportError:
-            raise missing_library("Completion needs shtab", "completion") from None
-        print(shtab.complete(parser(*COMMANDS), shell))
-        own.exit()
-
-
 def parser(*chosen: str) -> argparse.ArgumentParser:
     """Return the parser of all commands, with the arguments of the `chosen` ones."""
     whole = Parser(
@@ -186,12 +178,6 @@ def parser(*chosen: str) -> argparse.ArgumentParser:
         formatter_class=_Grouped,
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="show the version, of a checkout with its commit")
-    whole.add_argument(
-        "--completion",
-        action=_Completion,
-        choices=("bash", "zsh", "tcsh"),
-        help="print the shell's completion and exit",
-    )
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, summary, example, add_arguments) in COMMANDS.items():
         one = add_command(commands, name, summary, example)

@@ -72,7 +72,7 @@ def judge_supply(
     if interlock is not None:
         findings.append(OPEN_CIRCUITS[interlock])
     if not (is_configured or findings):
-        refused = "The board refuses its own configuration: see `hapticd firmware log`, and flash again."
+        refused = "The board refuses its own configuration: see `hapticd firmware info`, and flash again."
         findings.append(Diagnosis(refused))
     read = {"board, VDDA": readings.board_v, "supply, plus": readings.plus_v, "supply, minus": readings.minus_v}
     read |= {f"sensor {k}, at its ADC pin": value for k, value in enumerate(readings.idle_v)}

@@ -1,4 +1,4 @@
-"""`hapticd firmware`: arguments, and the subcommands info, log, clear-fault, gains and raw."""
+"""`hapticd firmware`: arguments, and the subcommands info, clear-fault, gains and raw."""
 
 from __future__ import annotations
 
@@ -43,9 +43,12 @@ SIM_SCENARIO = "step"  # its plate is not touched
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
-    _command(commands, "info", "show the board's identity and status", "--sim", json=True)
     _command(
-        commands, "log", "show the cause of the last reset and the logged events", "--port /dev/ttyACM0", json=True
+        commands,
+        "info",
+        "show the board's identity, status, gains and log",
+        "--sim",
+        json=True,
     )
     _command(commands, "clear-fault", "clear a latched fault", "--port /dev/ttyACM0")
     summary = "show or set the control law, its gains and models"
@@ -154,11 +157,6 @@ async def _info(board: Conversation, options: argparse.Namespace) -> None:
     print(text.log(log, board.hello.boot_id))
 
 
-async def _log(board: Conversation, options: argparse.Namespace) -> None:
-    log = await board.ask(LogRequest(), BoardLog)
-    print(text.as_json(log) if options.json else text.log(log, board.hello.boot_id))
-
-
 async def _clear_fault(board: Conversation, options: argparse.Namespace) -> None:
     del options
     status = await board.ask(ClearFault(), BoardStatus)
@@ -197,7 +195,6 @@ async def _raw(board: Conversation, options: argparse.Namespace) -> None:
 
 SUBCOMMANDS: dict[str, Callable[[Conversation, argparse.Namespace], Awaitable[None]]] = {
     "info": _info,
-    "log": _log,
     "clear-fault": _clear_fault,
     "gains": _gains,
     "selftest": selftest.run,

@@ -7,7 +7,6 @@ need no liblsl.
 
 from __future__ import annotations
 
-import math
 import socket
 import time
 from collections.abc import Callable, Sequence
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 
 from hapticd_client import PlateState
 
-from .samples import FINGER_FIELDS, MODE_FIELDS, Sampler, finger_values, mode_values
+from .samples import FINGER_FIELDS, MODE_FIELDS, Slots, finger_values, mode_values
 from .states import serve
 
 # Units as spelt in the metadata of XDF, the format of LSL's recordings.
@@ -54,27 +53,13 @@ def mode_channels(modes: int) -> tuple[Channel, ...]:
     return tuple(Channel(f"mode_{m}_{name}", _unit(name), "Amplitude") for m in range(modes) for name in MODE_FIELDS)
 
 
-def finger_sample(state: PlateState, sampler: Sampler) -> list[float]:
-    """Return the values of `finger_channels`; NaN without a finger or a computed value."""
-    sample: list[float | None] = []
-    for finger in sampler.fingers(state):
-        sample += [None if finger is None else float(finger.id), *finger_values(finger)]
-    return [math.nan if value is None else value for value in sample]
-
-
-def mode_sample(state: PlateState, modes: int) -> list[float]:
-    """Return the values of `mode_channels`; NaN before the board measures."""
-    values = [value for mode in range(modes) for value in mode_values(state, mode)]
-    return [math.nan if value is None else value for value in values]
-
-
 class Outlets:
     """The three outlets of one plate. `lsl` is pylsl or a substitute; `clock_offset_s` is LSL's clock minus the
     daemon's."""
 
     def __init__(self, lsl: Any, source: str, fingers: int, modes: int, clock_offset_s: float) -> None:
         self.modes = modes
-        self._sampler = Sampler(fingers)
+        self._slots = Slots(fingers)
         self._offset_s = clock_offset_s
         self._fingers = _outlet(lsl, "fingers", "MoCap", finger_channels(fingers), source)
         self._modes = _outlet(lsl, "modes", "Haptics", mode_channels(modes), source)
@@ -83,8 +68,8 @@ class Outlets:
     def push(self, state: PlateState) -> None:
         """Push one sample of fingers and modes, and one for each marker: "CLIENT: TEXT"."""
         t_s = state.t_ns / 1e9 + self._offset_s
-        self._fingers.push_sample(finger_sample(state, self._sampler), t_s)
-        self._modes.push_sample(mode_sample(state, self.modes), t_s)
+        self._fingers.push_sample([one for finger in self._slots.fingers(state) for one in finger_values(finger)], t_s)
+        self._modes.push_sample([one for mode in range(self.modes) for one in mode_values(state, mode)], t_s)
         for marker in state.markers:
             self._markers.push_sample([f"{marker.client}: {marker.text}"], marker.t_ns / 1e9 + self._offset_s)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from hapticd_client import FingerState, PlateState
 
@@ -14,57 +13,35 @@ MODE_FIELDS = ("d_um", "q_um", "measured_d_um", "measured_q_um")
 
 
 class Slots:
-    """`count` slots; a finger keeps its slot until it lifts, and a new one takes the first free slot."""
+    """`count` slots; a finger keeps its slot until it lifts, and a new one takes the first free slot. Another daemon
+    counts its fingers from 1: then all are free."""
 
     def __init__(self, count: int) -> None:
         self._taken: list[int | None] = [None] * count
-
-    def assign(self, finger_ids: Sequence[int]) -> tuple[int | None, ...]:
-        """Return the id in each slot, None for a free one. Fingers without a slot wait until one is free."""
-        taken = [held if held in finger_ids else None for held in self._taken]
-        waiting = [one for one in finger_ids if one not in taken]
-        for place, held in enumerate(taken):
-            if held is None and waiting:
-                taken[place] = waiting.pop(0)
-        self._taken = taken
-        return tuple(taken)
-
-    def clear(self) -> None:
-        """Free all slots: another daemon counts its fingers from 1."""
-        self._taken = [None] * len(self._taken)
-
-
-class Sampler:
-    """Assigns the fingers of states to slots."""
-
-    def __init__(self, fingers: int) -> None:
-        self._slots = Slots(fingers)
         self._instance: int | None = None
 
     def fingers(self, state: PlateState) -> tuple[FingerState | None, ...]:
-        """Return the finger in each slot. Takes each state once, in order."""
-        if state.instance != self._instance:
-            self._instance = state.instance
-            self._slots.clear()
+        """Return the finger in each slot; those without one wait until one is free. Takes each state once, in order."""
         down = {int(finger.id): finger for finger in state.fingers if not finger.virtual}
-        return tuple(None if held is None else down[held] for held in self._slots.assign(tuple(down)))
+        is_same = state.instance == self._instance
+        self._instance = state.instance
+        held = [one if is_same and one in down else None for one in self._taken]
+        waiting = iter([one for one in down if one not in held])
+        self._taken = [next(waiting, None) if one is None else one for one in held]
+        return tuple(None if one is None else down[one] for one in self._taken)
 
 
-def finger_values(finger: FingerState | None) -> tuple[float | None, ...]:
-    """Return the values of FINGER_FIELDS; all None without a finger."""
-    return tuple(None if finger is None else _finite(getattr(finger, name)) for name in FINGER_FIELDS)
+def finger_values(finger: FingerState | None) -> list[float]:
+    """Return the id and the values of FINGER_FIELDS; NaN where there is none."""
+    return [_number(None if finger is None else getattr(finger, name)) for name in ("id", *FINGER_FIELDS)]
 
 
-def mode_values(state: PlateState, mode: int) -> tuple[float | None, ...]:
-    """Return the values of MODE_FIELDS of one mode; measured ones are None before the board measures."""
-    measured_um = state.measured_um[mode] if mode < len(state.measured_um) else None
-    return (
-        _finite(state.modal_um[mode]),
-        _finite(state.modal_q_um[mode]) if mode < len(state.modal_q_um) else None,
-        None if measured_um is None else _finite(measured_um.real),
-        None if measured_um is None else _finite(measured_um.imag),
-    )
+def mode_values(state: PlateState, mode: int) -> list[float]:
+    """Return the values of MODE_FIELDS of one mode; measured ones are NaN before the board measures."""
+    measured_um = state.measured_um[mode] if mode < len(state.measured_um) else complex(math.nan, math.nan)
+    q_um = state.modal_q_um[mode] if mode < len(state.modal_q_um) else None
+    return [_number(state.modal_um[mode]), _number(q_um), measured_um.real, measured_um.imag]
 
 
-def _finite(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)

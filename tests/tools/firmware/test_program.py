@@ -127,7 +127,7 @@ def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: BoardLink, type_in
     link.says = lambda output: output
     link.board.fake_measurement(None)
     assert type_in(link, "clear-fault") == "The board is quiet.\n"
-    assert "1 logged" in type_in(link, "log")
+    assert "1 logged" in type_in(link, "info")
 
 
 def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: BoardLink, type_in: TypeIn) -> None:
