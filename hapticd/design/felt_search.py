@@ -136,7 +136,8 @@ class GluedModes:
         """Solve the plate's modes in the band, widened by `task.farthest_hz`, or `around_hz` if that is more."""
         self.plate, self.task, self.places, self._measure = plate, task, places, measure
         wider_hz = max(around_hz, task.farthest_hz)
-        self.modes = plate.modes((max(band_hz[0] - wider_hz, 0.0), band_hz[1] + wider_hz))
+        self.solved_hz = (max(band_hz[0] - wider_hz, 0.0), band_hz[1] + wider_hz)
+        self.modes = plate.modes(self.solved_hz)
         self._band_hz = band_hz
 
     @cached_property
@@ -189,8 +190,12 @@ class GluedModes:
     def set_up(self) -> FeltDesign | None:
         """Return the plate's figures with the drive and the modes that are chosen from what is known of it, None
         without a drive near as many modes as there are patches."""
-        choice = choose(self.near(self._known, self.plate.patches), self.task)
+        choice = choose(self.shown(), self.task)
         return None if choice is None else self._judged(self.near(self._touches, self.plate.patches), choice)
+
+    def shown(self) -> NearModes:
+        """Return what the plate's own patches do to all modes as they were measured."""
+        return self.near(self._known, self.plate.patches)
 
     def near(self, found: PlateTouches, patches: Sequence[Patch]) -> NearModes:
         """Return what these patches do to all modes."""

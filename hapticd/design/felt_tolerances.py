@@ -56,7 +56,7 @@ class Copy(NamedTuple):
         if self.number == 0:
             return plate
         random = np.random.default_rng([_STREAM, self.number])
-        x, y, young, thickness = random.uniform(-1.0, 1.0, 4)
+        x, y, young, thickness = random.uniform(-1.0, 1.0, 4).tolist()
         size_mm = (plate.size_mm[0] + x * SIZE_MM, plate.size_mm[1] + y * SIZE_MM)
         young_gpa = plate.material.young_gpa * (1.0 + young * YOUNG_FRAC)
         patches = tuple(_glued(patch, size_mm, random) for patch in plate.patches)
@@ -113,7 +113,7 @@ def _glued(patch: Patch, size_mm: tuple[float, float], random: np.random.Generat
     x_mm, y_mm = (
         math.copysign(min(abs(middle_mm) - off_mm, (edge_mm - width_mm) / 2.0), middle_mm)
         for middle_mm, off_mm, edge_mm, width_mm in zip(
-            (patch.x_mm, patch.y_mm), random.uniform(0.0, PATCH_MM, 2), size_mm, patch.size_mm, strict=True
+            (patch.x_mm, patch.y_mm), random.uniform(0.0, PATCH_MM, 2).tolist(), size_mm, patch.size_mm, strict=True
         )
     )
     young_gpa = patch.material.young_gpa * (1.0 - random.uniform(0.0, GLUE_FRAC))

@@ -1,4 +1,4 @@
-"""`--plate`, `--modes` and `--wiring`: the simulated plate, the same for all commands that have one."""
+"""`--plate`, `--copy`, `--modes` and `--wiring`: the simulated plate, the same for all commands that have one."""
 
 from __future__ import annotations
 
@@ -26,6 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser, default: SimConfig | None = N
         help=f"reference: the paper's plate, two driven modes{reference}. fingertip: a larger one, four driven modes, "
         f"for whole fingertips{fingertip}. wide: the largest, eight driven modes, for friction that is felt as asked. "
         "F.toml: your own, as `hapticd plate --felt --glass F.toml` writes it",
+    )
+    group.add_argument(
+        "--copy",
+        type=whole(1, 10000),
+        metavar="N",
+        help="play copy N of the plate as it may be made, set up from its scan (`hapticd plate --felt --tolerances`)",
     )
     group.add_argument(
         "--modes", type=whole(2), metavar="N", help="number of driven modes, an amplifier each (default: the plate's)"
@@ -57,17 +63,19 @@ def chosen(options: argparse.Namespace, before: SimConfig | None = None, *, is_s
     Raises UsageError for modes or a wiring that the plate does not have, and for an option without a simulated plate.
     """
     sim = SimConfig() if before is None else before
-    if options.plate is None and options.modes is None and options.wiring is None:
+    if options.plate is None and options.copy is None and options.modes is None and options.wiring is None:
         return sim
     if not is_simulated:
-        raise UsageError("--plate, --modes and --wiring name a simulated plate: give --sim as well.")
+        raise UsageError("--plate, --copy, --modes and --wiring name a simulated plate: give --sim as well.")
     # Late: `hapticd run` parses its arguments without the simulation.
-    from ..sim.plate.glasses import SUFFIX, driven_modes, find_glass
+    from ..sim.plate.glasses import COPY, SUFFIX, driven_modes, find_glass
     from ..sim.plate.wirings import wiring
 
     plate = sim.plate if options.plate is None else options.plate
     if plate.endswith(SUFFIX):
         plate = str(Path(plate).absolute())  # the service and the rig are processes of their own
+    if options.copy is not None:
+        plate = f"{plate.partition(COPY)[0]}{COPY}{options.copy}"
     try:
         find_glass(plate)
     except ValueError as error:

@@ -119,7 +119,7 @@ def without_openssl() -> Iterator[None]:
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
     command = [sys.executable, "-P", "-m", "hapticd", "run", "--check", *(["--sim"] if options.sim else [])]
-    for name in ("config", "friction", "plate", "modes", "wiring", "scenario"):
+    for name in ("config", "friction", "plate", "copy", "modes", "wiring", "scenario"):
         if (value := getattr(options, name)) is not None:
             command += [f"--{name}", str(value)]
     return command

@@ -71,9 +71,10 @@ def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked(
     ("command", "sentence"),
     [
         ("run --modes 5", "--modes: 5 modes cannot be driven on the reference plate: give 2 to 4."),
-        ("view --plate fingertip", "--plate, --modes and --wiring name a simulated plate: give --sim as well."),
+        ("view --plate fingertip", "--plate, --copy, --modes and --wiring name a simulated plate: give --sim as well."),
         ("demo --modes 9", "--modes: 9 modes cannot be driven on the fingertip plate: give 2 to 6."),
         ("view --sim --wiring paper", "this plate drives 4: choose the reference plate, or 2 modes."),
+        ("simulate strokes --copy 1", "--plate: this plate has no copies, as it has no patches"),
         ("simulate strokes --plate steel", "there is no plate 'steel': give reference, fingertip, wide, or a file;"),
         ("simulate strokes --plate none.toml", "none.toml: cannot be read (No such file or directory)"),
         ("play sound.wav --plate fingertip", "give --sim as well."),
@@ -106,6 +107,25 @@ def test_a_plate_may_be_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert glass.chosen(parsed("run", "--sim", "--plate", "mine.toml")) == SimConfig(plate=path, modes=2)
     found = find_glass(path)
     assert (found.size_mm, found.drive_hz, found.driven) == ((160.0, 160.0), 32370.0, 2)
+
+
+def test_a_copy_is_driven_as_its_scan_chooses_and_its_map_has_what_patches_push() -> None:
+    sim = glass.chosen(parsed("simulate", "strokes", "--plate", "fingertip", "--copy", "17"))
+    assert sim == SimConfig(plate="fingertip#17", modes=4)
+    found, drawn = find_glass(sim.plate), find_glass("fingertip")
+    assert found.size_mm != drawn.size_mm
+    assert 0.0 < abs(found.drive_hz / drawn.drive_hz - 1.0) < 0.1
+    plate = GroundTruth(PlateSettings.of(sim.plate))
+    assert np.abs(plate.frequency_hz[:4] - found.drive_hz).max() <= 180.0
+    assert max(plate.w_limit_um) <= 6.0 * 1.001
+    volts = np.linalg.solve(plate.gain_um_per_v_s[:4], (1j * plate.detuning_rad_s - plate.decay_1_s)[:4] * np.eye(4))
+    others_um = plate.gain_um_per_v_s[4:] @ volts / (1j * plate.detuning_rad_s - plate.decay_1_s)[4:, None]
+    points_mm = np.random.default_rng(1).uniform(-80.0, 80.0, (50, 2))
+    phi = plate.shapes(points_mm)
+    np.testing.assert_allclose(
+        plate.true_mode_map().evaluate(points_mm), phi[:, :4] + phi[:, 4:] @ others_um.real, atol=1e-3
+    )
+    assert np.abs(others_um).max() > 0.01
 
 
 @pytest.mark.parametrize(

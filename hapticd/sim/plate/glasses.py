@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 
@@ -27,8 +27,12 @@ from hapticd.config.sections import LEAST_MODES, MOST_MODES
 from hapticd.errors import ConfigError, SimulationError
 from hapticd.formats.toml_file import read_table, shown
 
+if TYPE_CHECKING:
+    from hapticd.design.glued_plate import GluedPlate
+
 LEAST_PARASITIC = 2  # modes near the drive that no amplifier drives
 SUFFIX = ".toml"  # of a file that describes a plate
+COPY = "#"  # between a plate and the number of a copy
 FARTHEST_HZ = 1250.0  # from the drive: where the modes of a plate of a file are sought
 WRITES = "`hapticd plate --felt --glass F.toml` writes one"
 DRIVE_HZ = (2000.0, 1e6)  # bounds of a file's
@@ -68,6 +72,15 @@ class Glass:
             for one in (self, other)
         )
         return mine / others
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CopiedGlass(Glass):
+    """A copy (`copies`), as it was `made`. `pushes` (undriven modes, driven modes): what volts on the patches that push
+    a driven mode by 1 um/s do to each of the others, in um/s."""
+
+    made: GluedPlate
+    pushes: tuple[tuple[float, ...], ...]
 
 
 REFERENCE, FINGERTIP, WIDE = "reference", "fingertip", "wide"
@@ -131,11 +144,16 @@ def as_built(plate: str, driven: int) -> str:
 
 
 def find_glass(name: str) -> Glass:
-    """Return one of GLASSES, or the plate of a file. Raises SimulationError, a ValueError."""
+    """Return one of GLASSES, the plate of a file, or a copy of either. Raises SimulationError, a ValueError."""
     if name in GLASSES:
         return GLASSES[name]
     if name == _FINGERTIP_OF_SIX:
         return _SIX_PATCHES
+    drawn, mark, number = name.rpartition(COPY)
+    if mark and number.isdecimal():
+        from .copies import set_up  # late, as above
+
+        return set_up(find_glass(drawn), int(number))
     if not name.endswith(SUFFIX):
         raise SimulationError(f"there is no plate {shown(name)}: give {', '.join(GLASSES)}, or a file; {WRITES}.")
     return _of_file(name)

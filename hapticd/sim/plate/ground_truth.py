@@ -29,7 +29,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes, ParasiticModes
 
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
-from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, as_built, find_glass, most_driven
+from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, CopiedGlass, as_built, find_glass, most_driven
 from .shape_tables import ModeScan, coupled, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .stored import SCANS
@@ -145,7 +145,15 @@ class GroundTruth:
         parasitic = len(built_hz) - len(own)
         wires = wiring(settings.wiring, len(own))
         driven = np.diag(own) @ wires.drives
-        self.gain_um_per_v_s = _read_only(np.vstack((driven, *[settings.parasitic_coupling * own] * parasitic)))
+        glass = find_glass(settings.glass)
+        self._pushed: FloatArray | None = None
+        pushed = np.tile(settings.parasitic_coupling * own, (parasitic, 1))
+        if isinstance(glass, CopiedGlass):
+            pushes = np.array(glass.pushes[:parasitic])
+            pushed = pushes @ driven
+            stiffness_1_s = self.decay_1_s - 1j * self.detuning_rad_s
+            self._pushed = (pushes * stiffness_1_s[: len(own)] / stiffness_1_s[len(own) :, None]).real
+        self.gain_um_per_v_s = _read_only(np.vstack((driven, pushed)))
         self.sensor = _true_sensor(wires.senses @ _sensor(settings, len(built_hz)), world.sensors)
         self.drive, self.sense = _read_only(wires.drive), _read_only(wires.sense)
         self.loop_phase_rad = (settings.loop_phase_rad,) * settings.driven_modes
@@ -189,6 +197,9 @@ class GroundTruth:
     def true_mode_map(self, modes: int | None = None) -> ModeShapes:
         """Return the true shapes of the driven modes, as perfect knowledge has them, or of the first `modes`."""
         x_mm, y_mm, shapes = self._grid
+        if modes is None and self._pushed is not None:
+            count = self.settings.driven_modes
+            return ModeShapes(x_mm, y_mm, shapes[:count] + np.tensordot(self._pushed.T, shapes[count:], 1))
         return ModeShapes(x_mm, y_mm, shapes[: self.settings.driven_modes if modes is None else modes])
 
     def parasitic_modes(self, seed: int) -> ParasiticModes:
@@ -208,9 +219,13 @@ class GroundTruth:
         """Return the mode map of the driven modes: measured with the noise of `seed`, then fitted by `design`.
 
         Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape. There are
-        SCANS of each plate; seeds repeat them.
+        SCANS of each plate; seeds repeat them. On a copy the motion of undriven modes is compensated.
         """
-        return mode_map(self.settings.glass, *self.scan(seed, is_driven=True))
+        driven = mode_map(self.settings.glass, *self.scan(seed, is_driven=True))
+        if self._pushed is None:
+            return driven
+        others = mode_map(self.settings.glass, *self.scan(seed, is_driven=False))
+        return ModeShapes(driven.x_mm, driven.y_mm, driven.shapes + np.tensordot(self._pushed.T, others.shapes, 1))
 
     def scan(self, seed: int, is_driven: bool) -> tuple[tuple[str, ...], ModeScan]:
         """Return modes and scan of a mode map."""
