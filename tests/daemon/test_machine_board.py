@@ -145,18 +145,6 @@ def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later
     rested(bench)
 
 
-def test_a_board_that_is_reset_at_rest_is_greeted_told_all_and_armed_anew(caplog: pytest.LogCaptureFixture) -> None:
-    bench = rested(Bench())
-    lines(caplog)
-    bench.board.mute = True
-    bench.run(1200)
-    bench.board.boot_id, bench.board.mute = 8, False
-    heard = [each.name for each in bench.run(500)]
-    assert "controller" in heard
-    assert bench.board.state == LIVE
-    assert [line for line in lines(caplog) if "boot 00000008" in line]
-
-
 def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     lines(caplog)

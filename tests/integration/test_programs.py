@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
-import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 from service import PATIENCE_S, PIPE, Bench, first
@@ -37,27 +32,3 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     assert lines[-1].endswith("hapticd view --sim")
     assert out.read_bytes().startswith(b"\x89PNG")
     assert {path.name for path in bench.folder.iterdir()} <= {"demo.png", "hapticd.toml", "rig"}  # it tidied up
-
-
-@pytest.mark.long
-def test_the_address_that_a_demo_prints_is_a_page_while_it_runs(tmp_path: Path) -> None:
-    with live_demo(tmp_path) as (process, lines):
-        (address,) = re.findall(r"(?m)^the plate: (http://127\.0\.0\.1:\S+)$", "".join(lines))
-        with urllib.request.urlopen(address, timeout=PATIENCE_S) as page:
-            assert (page.status, b"<canvas" in page.read()) == (200, True)
-        process.send_signal(signal.SIGHUP)
-        process.wait(PATIENCE_S)
-
-
-@contextmanager
-def live_demo(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
-    """A demo and the lines up to its first live one; its picture and its files go to this folder."""
-    command = [sys.executable, "-m", "hapticd", "demo", "--out", str(folder / "demo.png")]
-    environ = {**os.environ, "TMPDIR": str(folder)}
-    with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
-        assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        while not re.match("(ACTIVE|ARMED|IDLE)", lines[-1]):
-            assert process.poll() is None
-            lines.append(process.stdout.readline())
-        yield process, lines

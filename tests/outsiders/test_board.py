@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import struct
-from itertools import pairwise
 from typing import Any
 
 import machine_bench
@@ -18,7 +17,6 @@ from outsiders.board import Board
 
 from hapticd.board_values import UNCALIBRATED, BoardCalibration, ModeCalibration
 from hapticd.config.sections import Config, DeviceConfig
-from hapticd.core.board.link import MOST_UNREAD
 from hapticd.core.board.supervisor import State
 from hapticd.sim.fingers.paths import Line, Path
 
@@ -37,11 +35,9 @@ class Port:
 
     def __init__(self, bench: Stand, _protocol_hash: int) -> None:
         self.bench = bench
-        self.is_cut = False  # what the host writes is lost
 
     def write(self, line: bytes) -> int:
-        if not self.is_cut:
-            self.bench.outsider.feed(line)
+        self.bench.outsider.feed(line)
         return self.bench.t_ns
 
     def status(self) -> None:
@@ -56,7 +52,6 @@ class Stand(machine_bench.Bench):
     def __init__(self, *paths: Path, calibration: BoardCalibration = UNCALIBRATED, censor: Any = None) -> None:
         self.outsider = Board()
         self.outsider.censor = censor or self.outsider.censor
-        self.is_stopped = False  # the host, as by SIGSTOP
         super().__init__(*paths, calibration=calibration, config=Config(device=DeviceConfig(port="/dev/ttyACM0")))
 
     def _step(self) -> None:
@@ -64,10 +59,9 @@ class Stand(machine_bench.Bench):
         board.advance((self.t_ns - machine_bench.START_NS) // 1000)
         self.from_board += [bytes(board.said)] if board.said else []
         board.said.clear()
-        if not self.is_stopped:
-            super()._step()
-            if self.t_ns // MS % 100 == 0 and (fingers := self.machine.pipeline.fingers):
-                self.set_targets({one.finger_id: float(one is fingers[0]) for one in fingers}, ttl_s=1.0)
+        super()._step()
+        if self.t_ns // MS % 100 == 0 and (fingers := self.machine.pipeline.fingers):
+            self.set_targets({one.finger_id: float(one is fingers[0]) for one in fingers}, ttl_s=1.0)
 
     def driven(self) -> Stand:
         self.run(600)
@@ -113,42 +107,6 @@ def test_fingers_are_driven_and_nothing_sent_is_late_invalid_or_beyond_a_limit(
     assert 0.3 < stand.peak_um(1500) <= 4.0
     assert stand.machine.session.ledger.late_frames == 0
     assert said(caplog) == []
-
-
-def test_still_fingers_are_kept_alive_within_the_dead_man_time() -> None:
-    stand = Stand(SLIPPERY, STICKY).driven()
-    board = stand.outsider
-    stand.run(1000)
-    alive = [t_us for t_us, kind in board.received if kind in (outsider.REFERENCE, outsider.KEEPALIVE)]
-    assert max(after - before for before, after in pairwise(alive)) <= 25_000
-    assert stand.references(500) == 0
-    assert board.trips == 0
-
-
-def test_a_cut_line_silences_the_plate_in_time_and_is_driven_again_afterwards() -> None:
-    stand = Stand(STROKE, STICKY).driven()
-    stand.board.is_cut = True
-    stand.run(150)
-    assert stand.peak_um(50) < 0.01
-    assert stand.outsider.trips == 1
-    stand.board.is_cut = False
-    stand.run(100)
-    assert stand.outsider.state == outsider.LIVE
-    assert stand.peak_um(20) > 0.3
-
-
-def test_a_stopped_daemon_blames_no_board_and_drives_again(caplog: pytest.LogCaptureFixture) -> None:
-    stand = Stand(SLIPPERY, STICKY).driven()
-    stand.is_stopped = True
-    stand.run(4995)
-    assert stand.peak_um(1000) < 0.01
-    while sum(map(len, stand.from_board)) > 1024:
-        stand.from_board.pop()  # of a terminal whose buffer is full the newest are lost
-    stand.is_stopped = False
-    stand.run(150)
-    assert [line for line in said(caplog) if line.startswith("board")] == []
-    assert stand.outsider.state == outsider.LIVE
-    assert stand.peak_um(20) > 0.3
 
 
 def test_a_reset_board_is_greeted_calibrated_and_driven_again() -> None:
@@ -201,17 +159,6 @@ def test_a_board_that_answers_the_time_but_sends_no_status_is_not_driven(
     stand.run(200)
     assert stand.peak_um(20) > 0.3
     assert "lacking" not in stand.status
-
-
-def test_a_board_that_answers_nothing_is_sent_two_references() -> None:
-    stand = Stand(STROKE, STICKY).driven()
-    before = len(stand.outsider.received)
-    stand.outsider.censor = lambda *_: None
-    stand.run(900)
-    kinds = [kind for _, kind in stand.outsider.received[before:]]
-    assert kinds.count(outsider.REFERENCE) == MOST_UNREAD
-    assert kinds.count(outsider.TIME_REQUEST) >= 10
-    assert stand.peak_um(800) < 0.01
 
 
 def hello_with(**fields: object) -> Any:

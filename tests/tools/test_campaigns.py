@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sqlite3
 import subprocess
@@ -86,12 +85,6 @@ def test_a_task_whose_worker_is_killed_is_repeated(
 def test_a_task_that_kills_each_process_ends_the_campaign_with_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(HapticdError, match=rf"lost .* {campaigns.LOSSES} times"):
         run(tasks_in(tmp_path, deaths=99)[4:6], jobs=2)
-
-
-def test_an_error_of_a_task_is_the_campaigns(workers: dict[str, Any], tmp_path: Path) -> None:
-    for how in (workers, {}):
-        with pytest.raises(ValueError, match="seed 4 has no plate"):
-            run(tasks_in(tmp_path, fails=True), **how)
 
 
 def test_no_worker_of_a_cluster_holds_a_result_that_was_fetched(cluster: str, tmp_path: Path) -> None:
@@ -236,14 +229,6 @@ def test_a_damaged_result_in_a_file_is_one_sentence(result: object, tmp_path: Pa
 
 
 # --- the command line ---
-
-
-def test_the_options_exclude_each_other_and_default_to_every_processor() -> None:
-    parser = argparse.ArgumentParser()
-    campaigns.add_arguments(parser)
-    assert campaigns.of(parser.parse_args([])).keywords["jobs"] == len(os.sched_getaffinity(0))  # type: ignore[attr-defined]
-    with pytest.raises(UsageError, match="omit it or --cluster"):
-        campaigns.of(parser.parse_args(["--jobs", "2", "--cluster", "tcp://a:1"]))
 
 
 def test_a_command_that_starts_has_loaded_no_pool_and_no_cluster() -> None:
