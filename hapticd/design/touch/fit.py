@@ -25,7 +25,6 @@ _START_LOAD_1_S = 200.0
 _SETTLING_STEPS = 6
 _LOOSE_STEPS = 2  # loads and spreads are products: until both are near, none of the loads is a prior
 _MOST_STEPS = 12
-_MOST_DAMPING = 1e3
 _MOST_WITH_WAVES = 3  # they start near, and are linear; eight are better on 60 s of touching, worse on 48 s
 _FAR = round(4.0 * FORCE_S / WINDOW_S)  # windows, beyond which loads say nothing of each other
 _LEAST_GAIN = 3e-4  # of the cost: then it has converged
@@ -91,7 +90,7 @@ def fit(
         np.max([np.ptp(own_hz[chosen], axis=(0, 1)) for chosen in windows.sessions], axis=0),
         state.loads,
         state.spread_mm2,
-        np.sqrt(np.diag(covariance))[len(covariance) - len(state.spread_mm2) :],
+        problem.split(state, np.sqrt(np.diag(covariance)))[4],
         precision,
         np.asarray(model.contrasts @ state.apart_mm, np.float64),
     )
@@ -110,42 +109,34 @@ def _settled(problem: TouchProblem, state: FitState) -> _Settled:
     """Solve for loads and rates: linear, but for the outliers."""
     found = _Settled(state, _noise(problem.model, state), np.zeros_like(state.loads), _START_LOAD_1_S)
     for step in range(_SETTLING_STEPS):
-        problem.model.settle(state)
-        normal = normal_of(problem, *found)
-        state = _stepped(problem, state, normal)
-        known = _load_prior(problem.model.windows, state, normal) if step >= _LOOSE_STEPS else found[2:]
-        found = _Settled(state, _noise(problem.model, state), *known)
+        problem.model.settle(found.state)
+        found = _stepped(problem, found, normal_of(problem, *found), is_loose=step < _LOOSE_STEPS)
     return found
 
 
 def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, Normal]:
-    """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little;
-    return also the normal equations of the last one."""
-    left = _MOST_WITH_WAVES if problem.free.waves else _MOST_STEPS
-    cost, damping, normal = _cost(problem, *found), 0.0, normal_of(problem, *found)
-    while left > 0 and damping < _MOST_DAMPING:
-        state = _stepped(problem, found.state, normal, damping)
-        gain = 1.0 - _cost(problem, state, *found[1:]) / cost
-        if gain < 0.0:
-            damping = max(10.0 * damping, 1e-3)
-            continue
-        found = _Settled(state, _noise(problem.model, state), *_load_prior(problem.model.windows, state, normal))
-        left -= 1
-        if left == 0 or (gain < _LEAST_GAIN and damping == 0.0):
-            break  # the normal equations of a step before are as good
-        del normal  # two at a time would be the most memory of all
-        cost, normal = _cost(problem, *found), normal_of(problem, *found)
-        damping = damping / 10.0 if damping > 1e-3 else 0.0
+    """Take Gauss-Newton steps, after each of which loads and rates settle, until they gain little; return also the
+    normal equations of the last one, as good as those of where it ends."""
+    linear = replace(problem, free=Free())
+    for _ in range(_MOST_WITH_WAVES if problem.free.waves else _MOST_STEPS):
+        normal = normal_of(problem, *found)
+        after = _stepped(problem, found, normal)
+        after = _stepped(linear, after, normal_of(linear, *after))
+        gain = 1.0 - _cost(problem, after.state, *found[1:]) / _cost(problem, *found)
+        found = after
+        if abs(gain) < _LEAST_GAIN:
+            break
     return found, normal
 
 
-def _stepped(problem: TouchProblem, state: FitState, normal: Normal, damping: float = 0.0) -> FitState:
+def _stepped(problem: TouchProblem, found: _Settled, normal: Normal, *, is_loose: bool = False) -> _Settled:
     scale = np.sqrt(np.diag(normal.matrix))
-    scaled = normal.matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
-    step = np.linalg.solve(scaled, normal.right / scale) / scale
+    step = np.linalg.solve(normal.matrix / np.outer(scale, scale), normal.right / scale) / scale
     parts = np.array_split(normal.load_from_step, max(1, len(normal.load_from_step) // 100))  # each in double precision
     loads = normal.load_from_right - np.concatenate([part @ step for part in parts])
-    return problem.stepped(state, step, complex_of(loads))
+    state = problem.stepped(found.state, step, complex_of(loads))
+    known = found[2:] if is_loose else _load_prior(problem.model.windows, state, normal)
+    return _Settled(state, _noise(problem.model, state), *known)
 
 
 def _noise(model: Model, state: FitState) -> FloatArray:

@@ -114,7 +114,7 @@ class _Fitter:
 
 
 def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> Judged:
-    """Fit and judge, the map last. Processor time for 60 s of touching: 25 s on four modes, minutes on eight."""
+    """Fit and judge, the map last. Processor time for 60 s of touching: 14 s on four modes, a minute on eight."""
     before = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:

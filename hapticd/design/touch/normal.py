@@ -14,7 +14,7 @@ from .problem import TouchProblem
 
 OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 CLUSTER_S = 0.2
-_BLOCK_BYTES = 1 << 22  # of derivatives in memory at once, of which there are some copies
+_BLOCK = 200  # windows whose derivatives are in memory at once, of which there are some copies
 
 
 class Normal(NamedTuple):
@@ -29,38 +29,44 @@ class Normal(NamedTuple):
 
 
 def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> Normal:
+    """Add up the rows of one mode after another, as none meets the rates of other modes, and eliminate the loads."""
     prior = problem.priors(state)
     matrix, right = np.diag(prior**-2.0), -np.concatenate(problem.parts(state)) / prior**2
-    fingers = state.loads.shape[1]
-    windows = len(state.loads)
+    windows, fingers = state.loads.shape
     from_right, from_step = np.empty((windows, 2 * fingers)), np.empty((windows, 2 * fingers, len(prior)), np.float32)
-    weights, scores = np.empty((windows, fingers)), np.empty((windows, len(prior)))
-    block = max(1, _BLOCK_BYTES // (16 * len(prior) * int(np.prod(problem.model.windows.measured_um.shape[1:]))))
-    for start in range(0, windows, block):
-        rows = slice(start, start + block)
+    weights, scores = np.empty((windows, fingers)), np.zeros((windows, len(prior)))
+    for start in range(0, windows, _BLOCK):
+        rows = slice(start, start + _BLOCK)
         point = problem.model.at(state, rows, problem.free)
         one_sigma = noise * problem.model.doubt[rows]
         weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(point.residual) / one_sigma, 1e-12))) / one_sigma
         weight = problem.model.windows.is_used[rows][..., None] * weight
-        loads = point.by_loads * weight[..., None]
-        left = _stacked(point.columns * weight[..., None])
-        own = _stacked(np.concatenate((loads, 1j * loads), axis=-1))
-        rest = _stacked((point.residual * weight)[..., None])
-        inner = own.transpose(0, 2, 1) @ own
-        weights[rows] = np.einsum("bii->bi", inner)[:, :fingers]
-        inner = inner + np.eye(2 * fingers) / spread**2
+        by_loads = np.concatenate((point.by_loads, 1j * point.by_loads), axis=-1)
         away = state.loads[rows] - mean[rows]
-        drag = np.concatenate((away.real, away.imag), axis=1) / spread**2
-        mixed, pull = own.transpose(0, 2, 1) @ left, -(own.transpose(0, 2, 1) @ rest)[..., 0] - drag
+        inner = np.tile(np.eye(2 * fingers) / spread**2, (len(away), 1, 1))
+        pull = -np.concatenate((away.real, away.imag), axis=1) / spread**2
+        mixed = np.zeros((len(away), 2 * fingers, len(prior)))
+        for mode in range(len(noise)):
+            columns, used = point.of_mode(mode)
+            own, left, rest = (
+                _stacked(part * weight[..., mode, None])
+                for part in (by_loads[:, :, mode], columns, point.residual[:, :, mode, None])
+            )
+            across, flat = own.transpose(0, 2, 1), left.reshape(-1, len(used))
+            inner += across @ own
+            pull -= (across @ rest)[..., 0]
+            mixed[..., used] += across @ left
+            scores[rows, used] += (left.transpose(0, 2, 1) @ rest)[..., 0]
+            matrix[np.ix_(used, used)] += flat.T @ flat  # of a matrix by itself: half of the products
+        weights[rows] = np.einsum("bii->bi", inner)[:, :fingers] - spread**-2
         root = np.linalg.inv(np.linalg.cholesky(inner))
         half = root @ np.concatenate((mixed, pull[..., None]), axis=-1)
         back = root.transpose(0, 2, 1) @ half
         from_right[rows], from_step[rows] = back[..., -1], back[..., :-1]
-        flat, taken = left.reshape(-1, left.shape[-1]), half[..., :-1].reshape(-1, mixed.shape[-1])
-        matrix += flat.T @ flat - taken.T @ taken  # of a matrix by itself: half of the products
-        scores[rows] = (left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0]
-        right -= scores[rows].sum(axis=0)
-    return Normal(matrix, right, from_right, from_step, weights, scores)
+        taken = half[..., :-1].reshape(-1, len(prior))
+        matrix -= taken.T @ taken
+        scores[rows] += (mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0]
+    return Normal(matrix, right - scores.sum(axis=0), from_right, from_step, weights, scores)
 
 
 def covariance_of(normal: Normal, windows: Windows) -> FloatArray:
@@ -89,6 +95,5 @@ def precision_of(normal: Normal, part: slice) -> FloatArray:
 
 
 def _stacked(columns: ComplexArray) -> FloatArray:
-    """Real rows of each window: (B, S, M, P) to (B, 2 S M, P)."""
-    flat = columns.reshape(len(columns), -1, columns.shape[-1])
-    return np.concatenate((flat.real, flat.imag), axis=1)
+    """Real rows of each window: (B, S, P) to (B, 2 S, P)."""
+    return np.concatenate((columns.real, columns.imag), axis=1)

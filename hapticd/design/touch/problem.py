@@ -39,17 +39,17 @@ class TouchProblem:
         return 0.0 if self.are_points else SPREAD_MM2
 
     def parts(self, state: FitState) -> list[FloatArray]:
-        """Return the parameters as distances from their priors' means, real: pad, sense, waves, own rates, rates,
-        contrasts of touches, spreads; those that are not free are empty."""
+        """Return the parameters as distances from their priors' means, real: pad, sense, waves, contrasts of
+        touches, spreads, own rates, rates; those that are not free are empty."""
         found, none = state.calibration, np.zeros(0)
         return [
             found.pad if self.free.pad else none,
             _reals((found.sense - np.eye(len(found.sense))).ravel()[1:]) if self.free.sense else none,
             found.waves.ravel() if self.free.waves else none,
-            _reals(state.own.ravel()),
-            _reals(state.rates.ravel()),
             state.apart_mm.ravel() if self.free.apart else none,
             state.spread_mm2 - self.spread_mm2,
+            _reals(state.own.ravel()),
+            _reals(state.rates.ravel()),
         ]
 
     def split(self, state: FitState, vector: FloatArray) -> list[FloatArray]:
@@ -59,7 +59,7 @@ class TouchProblem:
     def priors(self, state: FitState) -> FloatArray:
         """One sigma of each parameter; how far apart touches are, is learned from them (a variance of inverse gamma
         distribution makes it Student's)."""
-        pad, sense, waves, _, _, apart, touches = (part.size for part in self.parts(state))
+        pad, sense, waves, apart, touches, *_ = (part.size for part in self.parts(state))
         modes = len(state.own)
         own = np.where(np.arange(self.model.splines.shape[-1]) == 0, _LOOSE, DRIFT_PRIOR_1_S)
         rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
@@ -70,16 +70,16 @@ class TouchProblem:
                 PAD_PRIOR[:pad],
                 np.full(sense, SENSE_PRIOR),
                 np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()[:waves],
-                np.tile(own, 2 * modes),
-                np.tile(rate, 2 * modes),
                 np.full(apart, apart_mm),
                 np.full(touches, _FIXED if self.are_points else SPREAD_PRIOR_MM2),
+                np.tile(own, 2 * modes),
+                np.tile(rate, 2 * modes),
             )
         )
 
     def stepped(self, state: FitState, step: FloatArray, loads: ComplexArray) -> FitState:
         """Return the state after a step of all parameters (P,) and loads (B, N)."""
-        pad, sense, waves, own, rates, apart, spread = self.split(state, step)
+        pad, sense, waves, apart, spread, own, rates = self.split(state, step)
         found = state.calibration
         return FitState(
             stepped(found, pad, complex_of(sense), waves) if any(self.free) else found,

@@ -18,8 +18,7 @@ def regressors(windows: Windows) -> ComplexArray:
 
 
 def own_rates(windows: Windows) -> FloatArray:
-    """Return the splines in time (B, S, K) of which the modes' own rates are made: 1, and others of mean 0, which each
-    session has for itself."""
+    """Return the splines in time (B, S, K) of which the modes' own rates are made: 1, and those of each session."""
     blocks = [np.ones((*windows.t_s.shape, 1))]
     sessions = windows.sessions
     for chosen in sessions:
@@ -29,7 +28,7 @@ def own_rates(windows: Windows) -> FloatArray:
         place = (t_s - start_s) / max(end_s - start_s, 1e-9) * spans
         splines = np.zeros((*windows.t_s.shape, spans + 3))
         splines[chosen] = _cubic(place[..., None] - np.arange(-1, spans + 2))
-        blocks.append(splines - splines.mean(axis=(0, 1)))
+        blocks.append(splines)
     return np.concatenate(blocks, axis=-1)
 
 

@@ -95,14 +95,14 @@ def test_derivatives_are_those_of_the_residual(linearised: tuple[Model, FitState
         waves, bar = 1e-5 * rng.standard_normal(waves.shape), 3e-4  # surfaces are in single precision
     else:  # the slope of what the map lacks is left out
         state = replace(state, calibration=replace(state.calibration, waves=waves))
-    columns = model.at(state, slice(None), free).columns
+    columns = model.at(state, slice(None), free).dense
     if isinstance(place, int):
         pad[place] = 1e-5
         # The latency's is by the smoothed velocity, which is not quite the slope of the interpolated positions.
         bar = 0.02 if place == LATENCY else bar
     elif place == "apart":
         free, apart_mm = Free(apart=Apart.TOUCHES), np.array(((1e-5, -2e-5),))
-        columns = model.at(state, slice(None), free).columns[..., -4:-2]
+        columns = model.at(state, slice(None), free).dense
     ends = []
     for sign in (1.0, -1.0):
         found = stepped(state.calibration, sign * pad, sign * sense, sign * waves)
@@ -123,4 +123,4 @@ def test_a_tick_at_which_the_plate_does_not_follow_its_reference_counts_less() -
         windows, behind_um_s=windows.behind_um_s + off_um_s, slope_um_s=windows.slope_um_s + 0.3 * off_um_s * turned
     )
     found = fit(transient, mode_map(), Free(pad=True, sense=True), NOMINAL).calibration
-    assert np.abs(found.pad - WRONG.pad)[:2].max() < 0.03  # 0.05 where all ticks count alike
+    assert np.abs(found.pad - WRONG.pad)[:2].max() < 0.045  # 0.09 where all ticks count alike
