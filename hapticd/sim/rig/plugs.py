@@ -1,9 +1,7 @@
-"""The rig's two connectors, which can be unplugged: the board's and the trackpad's endpoint in its directory.
+"""The rig's two connectors: the board's and the trackpad's endpoint in its directory.
 
-    board      a link to a pseudo-terminal: bytes to and from the board, delayed by `LINK_S` in each direction
-    trackpad   a unix SOCK_SEQPACKET endpoint: raw reports, one per packet, to all connections
-
-Unplugging loses the bytes in transit.
+board      a link to a pseudo-terminal: bytes to and from the board, delayed by `LINK_S` in each direction
+trackpad   a unix SOCK_SEQPACKET endpoint: raw reports, one per packet, to all connections
 """
 
 from __future__ import annotations
@@ -28,35 +26,21 @@ class BoardPlug:
     def __init__(self, link: Path, selector: selectors.BaseSelector, now_s: Callable[[], float]) -> None:
         """`selector`'s data are functions to call; `now_s` returns the time of arrival of bytes."""
         self._link = link
-        self._selector = selector
         self._now_s = now_s
-        self._terminal: tuple[int, int] | None = None
         self._t_looked_s = 0.0
         self._to_board: deque[tuple[float, bytes]] = deque()
         self._to_host: deque[tuple[float, bytes]] = deque()
-        self.replug()
-
-    def replug(self) -> None:
-        """Unplug it, or plug it in again."""
-        self._link.unlink(missing_ok=True)
-        if self._terminal is None:
-            master, slave = self._terminal = pty.openpty()  # kept open: no hang-up when a daemon closes it
-            tty.setraw(slave)
-            os.set_blocking(master, False)
-            self._selector.register(master, selectors.EVENT_READ, lambda: self._read(master))
-            self._link.symlink_to(os.ttyname(slave))
-            return
-        self._selector.unregister(self._terminal[0])
-        for end in self._terminal:
-            os.close(end)
-        self._terminal = None
-        self._to_board.clear()
-        self._to_host.clear()
+        self._master, self._slave = pty.openpty()  # the slave too is kept open: no hang-up when a daemon closes it
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        selector.register(self._master, selectors.EVENT_READ, self._read)
+        link.symlink_to(os.ttyname(self._slave))
 
     def close(self) -> None:
-        """Unplug it if it is plugged in."""
-        if self._terminal is not None:
-            self.replug()
+        """Remove the link, and close the terminal."""
+        self._link.unlink(missing_ok=True)
+        for end in (self._master, self._slave):
+            os.close(end)
 
     def due_s(self) -> list[float]:
         """Return when the next bytes arrive, for each direction with bytes in transit."""
@@ -76,15 +60,14 @@ class BoardPlug:
         """Write the bytes that have reached the host."""
         while self._to_host and self._to_host[0][0] <= now_s:
             data = self._to_host.popleft()[1]
-            if self._terminal is not None:
-                with contextlib.suppress(BlockingIOError):  # not read: lost, as on a serial line
-                    os.write(self._terminal[0], data)
+            with contextlib.suppress(BlockingIOError):  # not read: lost, as on a serial line
+                os.write(self._master, data)
 
-    def _read(self, master: int) -> None:
+    def _read(self) -> None:
         now_s = self._now_s()
         was_late = now_s - self._t_looked_s > LINK_S  # the bytes have waited for as long as the line takes
         with contextlib.suppress(BlockingIOError):
-            self._to_board.append((now_s if was_late else now_s + LINK_S, os.read(master, READ_SIZE)))
+            self._to_board.append((now_s if was_late else now_s + LINK_S, os.read(self._master, READ_SIZE)))
 
 
 class TrackpadPlug:
@@ -93,31 +76,18 @@ class TrackpadPlug:
     def __init__(self, link: Path, selector: selectors.BaseSelector) -> None:
         """`selector`'s data are functions to call."""
         self._link = link
-        self._selector = selector
-        self._listener: socket.socket | None = None
         self._readers: list[socket.socket] = []
-        self.replug()
-
-    def replug(self) -> None:
-        """Unplug it, or plug it in again."""
-        self._link.unlink(missing_ok=True)
-        if self._listener is None:
-            self._listener = listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            listener.setblocking(False)
-            listener.bind(str(self._link))
-            listener.listen()
-            self._selector.register(listener, selectors.EVENT_READ, lambda: self._accept(listener))
-            return
-        self._selector.unregister(self._listener)
-        for endpoint in (*self._readers, self._listener):
-            endpoint.close()
-        self._readers.clear()
-        self._listener = None
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._listener.setblocking(False)
+        self._listener.bind(str(link))
+        self._listener.listen()
+        selector.register(self._listener, selectors.EVENT_READ, self._accept)
 
     def close(self) -> None:
-        """Unplug it if it is plugged in."""
-        if self._listener is not None:
-            self.replug()
+        """Remove the link, and close all connections."""
+        self._link.unlink(missing_ok=True)
+        for endpoint in (*self._readers, self._listener):
+            endpoint.close()
 
     def send(self, report: bytes) -> None:
         """Send one report to all connections."""
@@ -130,7 +100,7 @@ class TrackpadPlug:
                 endpoint.close()
                 self._readers.remove(endpoint)
 
-    def _accept(self, listener: socket.socket) -> None:
-        endpoint, _ = listener.accept()
+    def _accept(self) -> None:
+        endpoint, _ = self._listener.accept()
         endpoint.setblocking(False)
         self._readers.append(endpoint)

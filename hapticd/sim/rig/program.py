@@ -11,8 +11,7 @@ Files in DIRECTORY:
     truth, fingers               sockets: the plate's ground truth out, a user's fingers in (`sockets.py`)
 
 Bytes to and from the board are delayed by 5 ms, reports by the sensor's 10 ms. It prints `ready T` when the devices can
-be opened; T is its time zero on the host's monotonic clock. SIGTERM stops it and writes the recording, if requested;
-SIGUSR1 unplugs the board or plugs it in, SIGUSR2 the trackpad.
+be opened; T is its time zero on the host's monotonic clock. SIGTERM stops it and writes the recording, if requested.
 
 Not modelled: the serial line's speed beyond the constant delay, and the detuning of the plate by fingers.
 """
@@ -27,7 +26,6 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -93,21 +91,10 @@ class Rig:
         self.t_start_s = time.monotonic()
         self._board = BoardPlug(directory / "board", self._selector, self._now_s)
         self._pad = TrackpadPlug(directory / "trackpad", self._selector)
-        self._replugs: deque[Callable[[], None]] = deque()
-
-    # Safe in signal handlers: the change takes effect between two steps.
 
     def stop(self) -> None:
-        """Make `serve` return."""
+        """Make `serve` return; safe in a signal's handler."""
         self._stopping = True
-
-    def replug_board(self) -> None:
-        """Unplug the board, or plug it in again. Its firmware continues."""
-        self._replugs.append(self._board.replug)
-
-    def replug_trackpad(self) -> None:
-        """Unplug the trackpad, or plug it in again."""
-        self._replugs.append(self._pad.replug)
 
     def serve(self, owner: int | None = None) -> None:
         """Run the hardware until `stop` or the end of the file `owner`."""
@@ -116,8 +103,6 @@ class Rig:
         while not self._stopping:
             for key, _ in self._selector.select(self._wait_s()):
                 key.data()
-            while self._replugs:
-                self._replugs.popleft()()
             self._keep_up(self._now_s())
 
     def close(self) -> None:
@@ -223,8 +208,6 @@ def main() -> None:
         sys.exit(f"hapticd.sim.rig.program: {error}")
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: rig.stop())
-    signal.signal(signal.SIGUSR1, lambda *_: rig.replug_board())
-    signal.signal(signal.SIGUSR2, lambda *_: rig.replug_trackpad())
     try:
         print(f"ready {rig.t_start_s}", flush=True)
         rig.serve(sys.stdin.fileno())

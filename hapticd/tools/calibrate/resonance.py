@@ -18,12 +18,11 @@ import numpy as np
 from ... import board_protocol as protocol
 from ...board_protocol import ControllerRequest, Sweep
 from ...board_values import BoardCalibration, BoardController, BoardHello, ModeCalibration
-from ...design.resonance import MIN_POINTS, Resonance, largest_voltage_v, propose_drive_hz, voltage_v
+from ...design.resonance import Resonance, largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from ...errors import DeviceError
 from ...files import calibration
 from .. import glass
-from ..arguments import POSITIVE, whole
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.sweep import ModeSweep
@@ -42,7 +41,6 @@ POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
 BESIDE_HZ = 50.0  # beyond the outermost mode
 WIDTHS = 2.0  # of f / Q to either side, the second time
 DWELL_DECAYS = 12.0  # time constants of the mode; the board discards the first half: 0.2 % remains
-MOST_POINTS = 2001  # the board's limit
 PIECE_POINTS = 7  # of a sweep: lost when the board ends it
 TRIES = 8  # of a piece that the board ends
 WIDE_POINTS = 101  # of the widest sweep, for modes outside
@@ -235,12 +233,7 @@ def _findings(one: ModeSweep) -> Iterator[Finding]:
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
-    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
-    points = whole(MIN_POINTS, MOST_POINTS)
-    parser.add_argument("--points", type=points, default=41, help="frequencies of a sweep (default 41)")
-    parser.add_argument("--dwell", type=whole(1), default=100, metavar="MS", help="at each (default 100)")
-    parser.add_argument("--volts", type=POSITIVE, help="on the amplifier (default: a tenth of the board's limit)")
+    sweep.add_arguments(parser)
     parser.set_defaults(mode=0)  # the sweep is planned for the first mode and repeated for the others
 
 

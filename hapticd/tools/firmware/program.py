@@ -1,4 +1,4 @@
-"""`hapticd firmware`: arguments, and the subcommands info, clear-fault, gains and raw."""
+"""`hapticd firmware`: arguments, and the subcommands info, clear-fault and raw."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ...board_protocol import (
     RawVoltage,
     TimeRequest,
 )
-from ...board_values import BoardController, BoardLog, BoardStatus, SetController
+from ...board_values import BoardController, BoardLog, BoardStatus
 from ...config import loader as config
 from ...config.sections import SIMULATED, DeviceConfig
 from ...errors import ConfigError, DeviceError, UsageError
@@ -51,11 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         json=True,
     )
     _command(commands, "clear-fault", "clear a latched fault", "--port /dev/ttyACM0")
-    summary = "show or set the control law, its gains and models"
-    parser = _command(commands, "gains", summary, "--sim --law deadbeat", json=True)
-    parser.add_argument("--law", help="pi, pi_ff or deadbeat; until the service or a reset sets another")
-    parser.add_argument("--bandwidth", type=float, metavar="1_S", help="in 1/s (default: the firmware's own)")
-    parser.add_argument("--integral-time", type=float, metavar="S", help="in seconds (default: the firmware's own)")
     summary = "measure modes and wires in two seconds, and say what has moved"
     parser = _command(commands, "selftest", summary, "--sim", json=True)
     compared = "what to compare with (default: the board's own models)"
@@ -63,18 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     summary = "measure a mode: resonance, quality, gain and loop phase"
     parser = _command(commands, "sweep", summary, "--sim --mode 0 --plot mode-0.png", json=True)
     parser.add_argument("--mode", type=int, default=0, help="which mode, from 0 (default 0)")
-    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
-    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
-    parser.add_argument("--points", type=int, default=41, help="frequencies (default 41)")
-    parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
-    parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
+    sweep.add_arguments(parser)
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw amplitude and circle")
     parser = _command(commands, "raw", "put a voltage on one amplifier, open loop, for at most 1 s", "--sim --volts 10")
     parser.add_argument("--mode", type=int, default=0, help="which amplifier, from 0 (default 0)")
     parser.add_argument("--volts", type=float, required=True, help="magnitude, at most a fifth of the board's limit")
     parser.add_argument("--phase", type=float, default=0.0, metavar="DEG", help="relative to the drive (default 0)")
     parser.add_argument("--ms", type=int, default=500, help="duration, at most 1000 (default 500)")
-    parser = _command(commands, "telemetry", "stream control ticks as CSV", "--sim > ticks.csv", json=True)
+    parser = _command(commands, "telemetry", "stream control ticks as CSV", "--sim > ticks.csv")
     parser.add_argument(
         "--rate", type=whole(1, MOST_RATE_HZ), default=100, metavar="HZ", help="samples a second, at most (default 100)"
     )
@@ -165,17 +156,6 @@ async def _clear_fault(board: Conversation, options: argparse.Namespace) -> None
     print(f"The board is {protocol.STATES[status.state.value]}.")
 
 
-async def _gains(board: Conversation, options: argparse.Namespace) -> None:
-    found = await board.ask(ControllerRequest(), BoardController)
-    if options.law is not None or options.bandwidth is not None or options.integral_time is not None:
-        law = options.law or found.law
-        if law is None:
-            raise DeviceError("The board runs a law unknown to this hapticd: set one with --law.")
-        await board.demand(SetController(law, options.bandwidth, options.integral_time))
-        found = await board.ask(ControllerRequest(), BoardController)
-    print(text.as_json(found) if options.json else text.controller(found))
-
-
 async def _raw(board: Conversation, options: argparse.Namespace) -> None:
     sweep.check_drive(board.hello, options.mode, options.volts)
     voltage_v = cmath.rect(options.volts, math.radians(options.phase))
@@ -196,7 +176,6 @@ async def _raw(board: Conversation, options: argparse.Namespace) -> None:
 SUBCOMMANDS: dict[str, Callable[[Conversation, argparse.Namespace], Awaitable[None]]] = {
     "info": _info,
     "clear-fault": _clear_fault,
-    "gains": _gains,
     "selftest": selftest.run,
     "sweep": sweep.run,
     "raw": _raw,

@@ -15,9 +15,10 @@ import numpy as np
 from ... import board_protocol as protocol
 from ...board_protocol import BoardState, Sweep
 from ...board_values import BoardHello, BoardStatus, SweepPoint
-from ...design.resonance import Resonance, fit_resonance
+from ...design.resonance import MIN_POINTS, Resonance, fit_resonance
 from ...errors import DeviceError, SweepEndedError, UsageError
 from .. import plotting
+from ..arguments import POSITIVE, whole
 from . import text
 from .conversation import Conversation
 
@@ -38,6 +39,16 @@ class ModeSweep:
     frequency_hz: np.ndarray[tuple[int], np.dtype[np.float64]]
     response_um_per_v: np.ndarray[tuple[int], np.dtype[np.complex128]]
     fit: Resonance
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add a sweep's band, points, dwell and voltage, the same for all that sweep."""
+    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
+    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
+    points = whole(MIN_POINTS, protocol.SWEEP_POINTS_MAX)
+    parser.add_argument("--points", type=points, default=41, help="frequencies (default 41)")
+    parser.add_argument("--dwell", type=whole(1), default=100, metavar="MS", help="at each (default 100)")
+    parser.add_argument("--volts", type=POSITIVE, help="on the amplifier (default: a tenth of the board's limit)")
 
 
 async def run(board: Conversation, options: argparse.Namespace) -> None:

@@ -1,10 +1,9 @@
-"""`hapticd firmware telemetry`: stream of control ticks as CSV, or as one JSON map per line."""
+"""`hapticd firmware telemetry`: stream of control ticks as CSV."""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import sys
 
 from ...board_protocol import SetTelemetry
@@ -28,9 +27,9 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
         t_first_us = sample.t_board_us if t_first_us is None else t_first_us
         t_s = ((sample.t_board_us - t_first_us) & 0xFFFFFFFF) / 1e6
         cells = columns(t_s, sample)
-        if samples == 0 and not options.json:
+        if samples == 0:
             print(",".join(cells))
-        print(json.dumps({"t_s": t_s} | text.plain(sample)) if options.json else ",".join(cells.values()))
+        print(",".join(cells.values()))
         samples, dropped = samples + 1, sample.dropped
     await board.demand(SetTelemetry(0))
     damaged = board.damaged_frames

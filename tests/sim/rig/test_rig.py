@@ -1,9 +1,8 @@
-"""The simulated rig: its endpoints, unplugging, and its end with its owner."""
+"""The simulated rig: its endpoints, and its end with its owner."""
 
 from __future__ import annotations
 
 import os
-import selectors
 import socket
 import subprocess
 import threading
@@ -17,10 +16,9 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
-from asynchronous import wait_for
 
 from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict
-from hapticd.board_values import BoardHello, BoardMessage, BoardStatus
+from hapticd.board_values import BoardHello, BoardStatus
 from hapticd.core.board.session import BoardSession
 from hapticd.errors import DeviceError
 from hapticd.sim.rig import sockets as rigsockets
@@ -70,53 +68,12 @@ def connected(directory: Path) -> Iterator[socket.socket]:
         yield pad
 
 
-def receive_message(fd: int, is_expected: Callable[[BoardMessage], bool]) -> BoardMessage:
-    """Read the board's messages up to an expected one."""
-    decoder = device.Decoder()
-    with selectors.DefaultSelector() as selector:
-        selector.register(fd, selectors.EVENT_READ)
-        while selector.select(PATIENCE_S):
-            for message in decoder.feed(os.read(fd, 4096)):
-                if is_expected(message):
-                    return message
-    raise AssertionError("the expected message did not arrive")
-
-
 def test_the_endpoint_gives_genuine_reports_one_a_packet_to_each_that_connects(rig: tuple[Rig, Path]) -> None:
     with connected(rig[1]) as one, connected(rig[1]) as other:
         for pad in (one, other):
             decoder = Decoder("mt2-usb")
             frames = [frame for _ in range(3) for frame in decoder.decode(pad.recv(512), 0)]
             assert [len(frame.contacts) for frame in frames] == [2, 2, 2]
-
-
-def test_the_boards_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> None:
-    made, directory = rig
-    with opened(directory) as fd:
-        made.replug_board()
-        wait_for(lambda: not (directory / "board").is_symlink())
-        while os.read(fd, 4096):
-            pass
-        with pytest.raises(OSError, match="Input/output error"):
-            os.write(fd, b"too late")
-    made.replug_board()
-    wait_for(lambda: (directory / "board").exists())
-    with opened(directory) as fd:
-        receive_message(fd, lambda _: True)
-
-
-def test_the_trackpads_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> None:
-    made, directory = rig
-    with connected(directory) as pad:
-        assert pad.recv(512)  # it was accepted: one that still waits for that is reset instead
-        made.replug_trackpad()
-        while pad.recv(512):
-            pass
-    wait_for(lambda: not (directory / "trackpad").exists())
-    made.replug_trackpad()
-    wait_for(lambda: (directory / "trackpad").exists())
-    with connected(directory) as pad:
-        assert pad.recv(512)
 
 
 # --- a person's fingers, and the truth ---

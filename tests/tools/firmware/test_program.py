@@ -82,11 +82,10 @@ def test_a_sweep_whose_reader_has_gone_still_draws_it_and_without_one_it_ends(
     [
         (("--mode", "2"), "There is no mode 2: the board has modes 0 to 1"),
         (("--volts", "31"), "--volts is 31: open loop the board takes more than 0 and at most 30 V"),
-        (("--volts", "nan"), "--volts: 'nan' is not a finite number"),
+        (("--volts", "nan"), "--volts: nan is out of bounds, it must be above 0"),
         (("--to", "40000"), "--to is 40000 Hz: the board sweeps 2000 Hz at most"),
-        (("--points", "3000"), "points is 3000, not within 1..2001"),
-        (("--dwell", "0"), "dwell_ms is 0, not within 1..1000"),
-        (("--points", "3"), "5 or more points"),
+        (("--points", "3000"), "--points: 3000 is out of bounds, it must be 5 .. 2001"),
+        (("--dwell", "1001"), "dwell_ms is 1001, not within 1..1000"),
     ],
 )
 def test_a_sweep_that_cannot_be_is_refused_in_one_sentence(
@@ -94,7 +93,7 @@ def test_a_sweep_that_cannot_be_is_refused_in_one_sentence(
 ) -> None:
     with pytest.raises((UsageError, DeviceError), match=re.escape(sentence)):
         type_in(link, *SWEEP, *arguments)
-    assert link.peak_v == 0.0 or sentence == "5 or more points"
+    assert link.peak_v == 0.0
 
 
 def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: BoardLink) -> None:
@@ -139,18 +138,7 @@ def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: B
     assert not link.voltage_v.any()
 
 
-def test_gains_are_shown_and_set(link: BoardLink, type_in: TypeIn) -> None:
-    assert "law       deadbeat" in type_in(link, "gains")
-    output = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
-    assert "law       pi, bandwidth 800 1/s, integral time 4 ms" in output
-    assert json.loads(type_in(link, "gains", "--json"))["law"] == "pi"
-    with pytest.raises(UsageError, match="bandwidth_1_s is 5, not within 10"):
-        type_in(link, "gains", "--bandwidth", "5")
-    with pytest.raises(UsageError, match="There is no controller 'pid'"):
-        type_in(link, "gains", "--law", "pid")
-
-
-def test_telemetry_is_a_table_of_control_ticks_or_a_map_on_each_line(link: BoardLink, type_in: TypeIn) -> None:
+def test_telemetry_is_a_table_of_control_ticks(link: BoardLink, type_in: TypeIn) -> None:
     header, *rows = type_in(link, "telemetry", "--rate", "100", "--seconds", "0.5").splitlines()
     names = header.split(",")
     assert names[:2] == ["t_s", "t_board_us"]
@@ -159,9 +147,6 @@ def test_telemetry_is_a_table_of_control_ticks_or_a_map_on_each_line(link: Board
     assert 45 <= len(table) <= 51
     np.testing.assert_allclose(np.diff(table[:, 0]), 0.01, atol=1e-9)
     assert all(len(row.split(",")) == len(names) for row in rows)
-    maps = type_in(link, "telemetry", "--rate", "50", "--seconds", "0.2", "--json").splitlines()
-    assert [json.loads(line)["t_s"] for line in maps[:3]] == [0.0, 0.02, 0.04]
-    assert json.loads(maps[0])["modes"][1]["decay_1_s"] == pytest.approx(183.56, abs=0.1)
 
 
 @pytest.mark.parametrize(
