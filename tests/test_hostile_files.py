@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.long  # a process for each file: a fifth of all other tests' processor time
 MOST_MB = 300
 MB = 1_000_000
 CHILD = """

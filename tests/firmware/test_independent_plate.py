@@ -67,9 +67,10 @@ def test_a_sound_plate_does_what_is_asked_and_is_not_judged_faulty(modes: int, c
 
 RINGS = [(4, 40968, 0), (6, 17520, 0)]
 SWINGS = [(2, 1499, 7), (4, 1499, 7), (6, 1881, 7), (6, 3206, 7), (4, 7785, 8)]
+long_of_six = [pytest.param(*case, marks=[pytest.mark.long] * (case[0] == 6)) for case in SWINGS + RINGS]
 
 
-@pytest.mark.parametrize(("modes", "seed", "fault"), SWINGS + RINGS)
+@pytest.mark.parametrize(("modes", "seed", "fault"), long_of_six)
 def test_a_plate_that_swings_by_itself_is_distinguished_from_a_false_fault(
     modes: int, seed: int, fault: int, cases: Cases
 ) -> None:
