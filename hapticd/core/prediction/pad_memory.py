@@ -33,7 +33,8 @@ _FORGET: Final = 0.998  # per sample: 5 s
 _START_SAMPLES: Final = 4.0  # for which the initial residual counts
 _START_RESIDUAL_MM2: Final = 0.1  # typical of real pads; a smaller one would let a quiet start fix the weights
 _OUTLIER: Final = 5.0  # deviations: an error beyond counts by its size, not its square (Huber 1964)
-_FARTHEST_U: Final = 4.0 / 3.0  # of the line through both horizons: 35 ms, the longest horizon of the loop
+_NEAREST_U: Final = -0.5  # of the line through both horizons: 7.5 ms, for less is known of the last report alone
+_FARTHEST_U: Final = 4.0 / 3.0  # 35 ms, the longest horizon of the loop
 
 SLOWEST_MM_S: Final = 5.0  # upper edge of the lowest class of speed; each next one is an octave
 CLASSES: Final = 9
@@ -212,7 +213,7 @@ def speed_class(speed_mm_s: float) -> int:
 
 def _between(ahead_s: float) -> float:
     u = (ahead_s - NEAR.ahead_s) / (FAR.ahead_s - NEAR.ahead_s)
-    return 0.0 if u < 0.0 else _FARTHEST_U if u > _FARTHEST_U else u
+    return _NEAREST_U if u < _NEAREST_U else _FARTHEST_U if u > _FARTHEST_U else u
 
 
 def dot(a: MotionVector, b: MotionVector) -> float:
