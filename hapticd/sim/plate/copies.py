@@ -7,25 +7,22 @@ as far as these push them.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from hapticd.design.felt_tolerances import Copy
 from hapticd.design.free_plate import distinct_names
+from hapticd.design.glued_plate import GluedPlate
 from hapticd.design.mode_choice import FeltTask, choose
 from hapticd.errors import SimulationError
 
-from .glasses import CopiedGlass, Glass
-from .shapes import glued
 
-
-@lru_cache(maxsize=4)
-def set_up(drawn: Glass, number: int) -> CopiedGlass:
-    """Return a copy of a plate, set up from its scan: this takes some seconds. Raises SimulationError."""
+def set_up(drawn: GluedPlate, drive_hz: float, number: int) -> dict[str, Any]:
+    """Return the values of a `CopiedGlass`, set up from its scan: this takes some seconds. Raises SimulationError."""
     if not drawn.patches:
         raise SimulationError("this plate has no copies, as it has no patches: give fingertip, wide, or a file.")
-    copy = Copy(glued(drawn), drawn.drive_hz, FeltTask(), number)
+    copy = Copy(drawn, drive_hz, FeltTask(), number)
     modes = copy.modes()
     near = modes.shown()
     choice = choose(near, copy.task)
@@ -39,16 +36,16 @@ def set_up(drawn: Glass, number: int) -> CopiedGlass:
     stretch = np.abs(own.stiffness_1_s(choice.drive_hz)) / own.decay_1_s
     names, made = distinct_names(modes.modes), modes.plate
     of = made.material
-    return CopiedGlass(
-        size_mm=made.size_mm,
-        thickness_mm=made.thickness_mm,
-        band_hz=modes.solved_hz,
-        drive_hz=choice.drive_hz,
-        modes=tuple(names[mode] for mode in (*used, *rest)),
-        driven=len(used),
-        reach_um=tuple((np.array(choice.limits_um) * stretch).tolist()),
-        material=f"{of.young_gpa!r},{of.poisson!r},{of.density_kg_m3!r}",
-        patches=tuple((p.x_mm, p.y_mm, *p.size_mm, p.thickness_mm) for p in made.patches),
-        made=made,
-        pushes=tuple(map(tuple, pushes.tolist())),
-    )
+    return {
+        "size_mm": made.size_mm,
+        "thickness_mm": made.thickness_mm,
+        "band_hz": modes.solved_hz,
+        "drive_hz": choice.drive_hz,
+        "modes": tuple(names[mode] for mode in (*used, *rest)),
+        "driven": len(used),
+        "reach_um": tuple((np.array(choice.limits_um) * stretch).tolist()),
+        "material": f"{of.young_gpa!r},{of.poisson!r},{of.density_kg_m3!r}",
+        "patches": tuple((p.x_mm, p.y_mm, *p.size_mm, p.thickness_mm) for p in made.patches),
+        "made": made,
+        "pushes": tuple(map(tuple, pushes.tolist())),
+    }

@@ -138,6 +138,24 @@ _SIX_PATCHES = Glass(
 )
 
 
+def glued(glass: Glass) -> GluedPlate:
+    """Return a plate with its patches. Raises ValueError."""
+    from hapticd.design.glued_plate import GluedPlate, Patch  # late, as above
+    from hapticd.design.materials import find_material
+
+    if isinstance(glass, CopiedGlass):
+        return glass.made
+    patches = tuple(Patch(x_mm, y_mm, (width_mm, depth_mm), mm) for x_mm, y_mm, width_mm, depth_mm, mm in glass.patches)
+    return GluedPlate(glass.size_mm, glass.thickness_mm, find_material(glass.material), patches)
+
+
+@lru_cache(maxsize=4)
+def _copied(drawn: Glass, number: int) -> CopiedGlass:
+    from .copies import set_up  # late, as above
+
+    return CopiedGlass(**set_up(glued(drawn), drawn.drive_hz, number))
+
+
 def as_built(plate: str, driven: int) -> str:
     """Return the name by which `find_glass` has a plate with the patches for this many driven modes."""
     return _FINGERTIP_OF_SIX if plate == FINGERTIP and driven > GLASSES[FINGERTIP].driven else plate
@@ -151,9 +169,7 @@ def find_glass(name: str) -> Glass:
         return _SIX_PATCHES
     drawn, mark, number = name.rpartition(COPY)
     if mark and number.isdecimal():
-        from .copies import set_up  # late, as above
-
-        return set_up(find_glass(drawn), int(number))
+        return _copied(find_glass(drawn), int(number))
     if not name.endswith(SUFFIX):
         raise SimulationError(f"there is no plate {shown(name)}: give {', '.join(GLASSES)}, or a file; {WRITES}.")
     return _of_file(name)

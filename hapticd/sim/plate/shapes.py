@@ -11,12 +11,10 @@ from functools import lru_cache
 
 from hapticd.design import ModeShape
 from hapticd.design.free_plate import distinct_names
-from hapticd.design.glued_plate import GluedPlate, Patch
-from hapticd.design.materials import find_material
 from hapticd.errors import SimulationError
 
 from . import stored
-from .glasses import REFERENCE, CopiedGlass, Glass, find_glass
+from .glasses import REFERENCE, Glass, find_glass, glued
 
 
 def theory(name: str, glass: str = REFERENCE) -> tuple[float, ModeShape]:
@@ -47,14 +45,6 @@ def computed(plate: Glass) -> dict[str, tuple[float, ModeShape]]:
     """Return all modes of a plate near its drive, by theory. Raises ValueError."""
     modes = glued(plate).modes(plate.band_hz)
     return dict(zip(distinct_names(modes), modes, strict=True))
-
-
-def glued(plate: Glass) -> GluedPlate:
-    """Return a plate with its patches. Raises ValueError."""
-    if isinstance(plate, CopiedGlass):
-        return plate.made
-    patches = tuple(Patch(x_mm, y_mm, (width_mm, depth_mm), mm) for x_mm, y_mm, width_mm, depth_mm, mm in plate.patches)
-    return GluedPlate(plate.size_mm, plate.thickness_mm, find_material(plate.material), patches)
 
 
 def _lines(name: str) -> tuple[int, int]:
