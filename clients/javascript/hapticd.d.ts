@@ -474,14 +474,20 @@ export interface FingerState {
   owner: string | null;
   /** its friction over that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery than asked. A target's amplitude stands for the friction of an even vibration */
   friction_change: number | null;
-  /** share of time in which `error_jnd` was beyond 1 either way, since the finger had a target and the daemon a subscriber */
-  weber_frac: number | null;
   /** RMS amplitude over its contact */
   contact_um: number | null;
   /** mean friction over its contact, on the scale of targets */
   felt_friction: number | null;
   /** `friction_change` in just noticeable differences of 0.11; nil also on a plate that is driven for points (`contact_radius_mm` of `plate` is 0) */
   error_jnd: number | null;
+  /** mean of `friction_change` / 0.11 since the finger had a target and the daemon a subscriber */
+  bias_jnd: number | null;
+  /** median and 95 % of its size over that time, up to 20 */
+  median_jnd: number | null;
+  error_95_jnd: number | null;
+  /** shares of that time within one and two just noticeable differences */
+  felt_frac: number | null;
+  within_two_frac: number | null;
   /** intervals of nine in ten cases */
   contact_um_low: number | null;
   contact_um_high: number | null;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +14,11 @@ from ..board_values import BoardCalibration, ModeCalibration
 from ..daemon.recorder import header_of
 from ..files.recording.kinds import record_of
 from ..sim import lockstep
-from ..sim.fingers.scenarios import SCENARIOS
+from ..sim.fingers.scenarios import SCENARIOS, STICKY_UM, Scenario, strokes
 from ..sim.perfect import perfect
 from ..sim.plate.ground_truth import GroundTruth
 from ..sim.score import Score
-from ..sim.settings import Measured, Settings, in_world, paper_settings
+from ..sim.settings import Measured, Settings, in_world, knowing_person, paper_settings
 from ..sim.world_errors import NEUTRAL
 from ..sim.world_tolerances import draw
 from ..tools import touch_correction as correction
@@ -29,13 +30,20 @@ TOUCHED = {AFTER: "strokes", GUIDED: "guided"}  # the scenario that each learns 
 NOTHING_WRONG = "nothing wrong"
 SCENARIO = "strokes"
 TELEMETRY_HZ = 500
+ASKED = {  # whether targets are frictions, and whether the daemon has the person's curve
+    "amplitudes": (False, False),
+    "amplitudes, curve known": (False, True),
+    "frictions": (True, False),
+    "frictions, curve known": (True, True),
+}
 _OTHER_STROKES = 1000  # added to a seed: what is learned on some strokes is judged on others,
 _SESSION = 1  # and in another session, with another posture
 
 
 class Job(NamedTuple):
     """A world of a level, played for `seconds`, also after having been touched for `touching_s` as each scheme of
-    `touched` does it, and with each of `causes` made perfect."""
+    `touched` does it, and with each of `causes` made perfect. What fingers feel is judged where one is asked for
+    `felt_um`, or the usual person's friction there, and the other for nothing; 0: not."""
 
     settings: Settings
     level: str
@@ -44,21 +52,33 @@ class Job(NamedTuple):
     touching_s: float = 60.0
     causes: tuple[str, ...] = ()
     touched: tuple[str, ...] = ()
+    felt_um: float = 0.0
 
 
 def play(job: Job) -> dict[str, Score]:
-    """Return the score of each scheme and cause; those after touching are on other strokes than its touching."""
+    """Return the score of each scheme and cause, and of each of `ASKED` and a scheme, "asked: scheme"; those after
+    touching are on other strokes than its touching."""
     world = NEUTRAL if job.level == NOTHING_WRONG else draw(job.level, job.seed)
     played = in_world(job.settings, world)
 
-    def run(settings: Settings, known: Measured | None = None) -> lockstep.Run:
-        return lockstep.run(SCENARIO, settings=settings, seed=job.seed, seconds=job.seconds, measured=known)
+    def run(settings: Settings, known: Measured | None = None, scenario: Scenario | str = SCENARIO) -> lockstep.Run:
+        return lockstep.run(scenario, settings=settings, seed=job.seed, seconds=job.seconds, measured=known)
 
     before = measured(played, job.seed)
     ours = run(played, before)
     scores = {HAPTICD: ours.score, PAPER: run(paper_settings(played)).score, PERFECT: perfect(ours).score}
+    daemons = {HAPTICD: (played, before)}
     for scheme in job.touched:
-        scores[scheme] = run(*_corrected(played, before, _touch(played, before, job, TOUCHED[scheme]))).score
+        daemons[scheme] = _corrected(played, before, _touch(played, before, job, TOUCHED[scheme]))
+        scores[scheme] = run(*daemons[scheme]).score
+    if job.felt_um:
+        asking = replace(SCENARIOS[SCENARIO], build=partial(strokes, targets_um=(job.felt_um, STICKY_UM)))
+        for asked, (friction_targets, knows_person) in ASKED.items():
+            for scheme, (settings, known) in daemons.items():
+                settings = replace(settings, friction_targets=friction_targets)
+                felt = run(knowing_person(settings, job.seed) if knows_person else settings, known, asking)
+                scores[f"{asked}: {scheme}"] = felt.score
+            scores[f"{asked}: {PERFECT}"] = perfect(felt).score  # whatever the daemon knows
     for cause in job.causes:
         without = in_world(job.settings, world.without(cause))
         scores[cause] = run(without, measured(without, job.seed)).score
@@ -72,15 +92,25 @@ def figures(scores: Sequence[Score]) -> dict[str, float]:
         return float(np.quantile([figure(score) for score in scores], share))
 
     return {
-        "felt_frac": of(0.5, lambda score: score.felt_frac),
         "contrast": of(0.5, lambda score: score.contrast),
         "contrast_worst_tenth": of(0.1, lambda score: score.contrast),
         "contact_leak_um": of(0.5, lambda score: score.contact_leak_um),
-        "leak_um": of(0.5, lambda score: score.leak_um),
-        "leak_worst_tenth_um": of(0.9, lambda score: score.leak_um),
-        "slip_frac": of(0.5, lambda score: score.slip_frac),
         "limit_most_frac": of(1.0, lambda score: score.limit_frac),
     }
+
+
+def felt_figures(scores: Sequence[Score]) -> dict[str, float]:
+    """Return medians over worlds of what both fingers felt, the slippery one being the first."""
+    rows = [
+        {"felt_frac": score.felt_frac, "within_two_frac": score.within_two_frac}
+        | {
+            f"{name}_{figure}": getattr(finger, figure)
+            for name, finger in zip(("slippery", "sticky"), score.fingers, strict=True)
+            for figure in ("bias_jnd", "median_jnd", "error_95_jnd")
+        }
+        for score in scores
+    ]
+    return {name: float(np.median([row[name] for row in rows])) for name in rows[0]}
 
 
 def measured(settings: Settings, seed: int) -> Measured:

@@ -1,30 +1,32 @@
-"""Random laboratories: what fingers get where everything is a little wrong, and which cause costs how much.
+"""Random laboratories: what contacts get where everything is a little wrong, and which cause costs how much.
 
 Each laboratory is drawn with a seed of its own (`sim.world_tolerances`), and its fingers, noise and map have that seed
-too. A laboratory is one task of a campaign, since its runs share maps. At points on the paper's plate in all kinds of
-world; over contacts on the fingertip plate with its four modes. Some laboratories are played with each cause perfect.
+too. A laboratory is one task of a campaign, since its runs share maps. Leak and contrast are those of the fingertip
+plate with its four modes in all kinds of world; some laboratories are played with each cause perfect. What is felt
+there, and on the wide plate, is judged for amplitudes and for frictions, with and without this person's curve: at
+0.5 um, or the usual person's friction there, on four modes, at 1 um on eight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import attrgetter
 
 import numpy as np
 
 from ..design.campaign import TaskRunner, one_by_one
-from ..sim.fingers.scenarios import REAL
-from ..sim.plate.glasses import FINGERTIP, REFERENCE
+from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM
+from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
-from ..sim.settings import Settings
+from ..sim.settings import CALIBRATED_FRAC, Settings
 from ..sim.world_errors import CAUSES
 from ..sim.world_tolerances import LEVELS
-from .loop import AFTER, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job, figures, play
+from . import loop
+from .loop import AFTER, ASKED, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job
 from .tables import Table
 
-LABORATORY, WORST = "laboratory", LEVELS[-1]
-FEW = 5  # one laboratory in so many is played with each cause made perfect, and one world with nothing wrong
+MILD, LABORATORY, WORST = LEVELS
+FEW = 5  # one laboratory in so many is played with each cause made perfect, and one of every other kind of world
 _Scores = Sequence[dict[str, Score]]
 
 
@@ -36,58 +38,72 @@ def run(
     causes: tuple[str, ...] = CAUSES,
     campaign: TaskRunner = one_by_one,
 ) -> tuple[Table, ...]:
-    """Compare the schemes in `worlds` laboratories of each level, and `causes` in some of the middle one."""
-    all_seeds, few_seeds = range(1, worlds + 1), range(1, worlds + 1, FEW)
-    points = dict.fromkeys((LABORATORY, *LEVELS), all_seeds) | {NOTHING_WRONG: few_seeds}
-    contacts = {LABORATORY: all_seeds, NOTHING_WRONG: few_seeds, WORST: few_seeds}
+    """Compare the schemes in `worlds` laboratories, and `causes` in some."""
+    few = range(1, worlds + 1, FEW)
+    levels = {LABORATORY: range(1, worlds + 1)} | dict.fromkeys((NOTHING_WRONG, MILD, WORST), few)
     jobs: dict[tuple[str, str, int], Job] = {}
-    for glass, levels, touched in ((REFERENCE, points, (AFTER,)), (FINGERTIP, contacts, (AFTER, GUIDED))):
+    for glass, felt_um, touched in ((FINGERTIP, HALF_UM, (AFTER, GUIDED)), (WIDE, SLIPPERY_UM, (GUIDED,))):
         settings = Settings(motion=REAL, plate=PlateSettings.of(glass))
-        for level, seeds in levels.items():
+        for level, seeds in levels.items() if glass == FINGERTIP else [(LABORATORY, levels[LABORATORY])]:
             for seed in seeds:
-                perfected = causes if level == LABORATORY and seed in few_seeds else ()
-                jobs[glass, level, seed] = Job(settings, level, seed, seconds, touching_s, perfected, touched)
-    played = dict(zip(jobs, campaign("worlds", play, [*jobs.values()]), strict=True))
+                job = Job(settings, level, seed, seconds, touching_s, touched=touched)
+                if level == LABORATORY:
+                    perfected = causes if glass == FINGERTIP and seed in few else ()
+                    job = job._replace(causes=perfected, felt_um=felt_um)
+                jobs[glass, level, seed] = job
+    played = dict(zip(jobs, campaign("worlds", loop.play, [*jobs.values()]), strict=True))
 
-    def of(glass: str, levels: Sequence[str]) -> dict[str, _Scores]:
-        return {level: [scores for key, scores in played.items() if key[:2] == (glass, level)] for level in levels}
+    def of(glass: str, level: str) -> _Scores:
+        return [scores for key, scores in played.items() if key[:2] == (glass, level)]
 
-    at_points, over_contacts = of(REFERENCE, [*points]), of(FINGERTIP, [*contacts])
     return (
-        _levels("worlds", "at points", at_points, (HAPTICD, AFTER, PAPER, PERFECT), "leak_um"),
-        _causes("worlds_causes", "at points", at_points[LABORATORY], "leak_um"),
-        _levels(
-            "worlds_contact", "contacts", over_contacts, (HAPTICD, AFTER, GUIDED, PAPER, PERFECT), "contact_leak_um"
-        ),
-        _causes("worlds_contact_causes", "contacts", over_contacts[LABORATORY], "contact_leak_um"),
+        _levels({level: of(FINGERTIP, level) for level in levels}),
+        _causes(of(FINGERTIP, LABORATORY)),
+        _felt({glass: of(glass, LABORATORY) for glass in (FINGERTIP, WIDE)}),
     )
 
 
-def _levels(name: str, where: str, by_level: dict[str, _Scores], schemes: Sequence[str], leak: str) -> Table:
-    rows, leak_um = {}, attrgetter(leak)
+def _levels(by_level: dict[str, _Scores]) -> Table:
+    rows = {}
     for level, worlds in by_level.items():
-        for scheme in schemes:
-            over_before = [leak_um(scores[scheme]) / leak_um(scores[HAPTICD]) for scores in worlds]
+        for scheme in (HAPTICD, AFTER, GUIDED, PAPER, PERFECT):
+            over_before = [scores[scheme].contact_leak_um / scores[HAPTICD].contact_leak_um for scores in worlds]
             most = {"most_over_before_ratio": max(over_before)}
-            rows[f"{level}: {scheme}"] = figures([scores[scheme] for scores in worlds]) | most
+            rows[f"{level}: {scheme}"] = loop.figures([scores[scheme] for scores in worlds]) | most
     counts = ", ".join(f"{len(worlds)} x {level}" for level, worlds in by_level.items())
     notes = (
         "medians over the worlds; worst tenth: a tenth of them is worse",
         "over before: leak over that of hapticd before touching, the most of all worlds",
         "limit: the plate's true amplitude in a mode over its W_LIM, the most of all worlds",
     )
-    return Table(name, f"worlds: {SCENARIO}, {where}: {counts}", rows, (leak, "contrast"), notes)
+    return Table("worlds", f"worlds: {SCENARIO}, contacts: {counts}", rows, ("contact_leak_um", "contrast"), notes)
 
 
-def _causes(name: str, where: str, laboratories: _Scores, leak: str) -> Table:
+def _causes(laboratories: _Scores) -> Table:
     """Return the leak before touching with each cause made perfect, largest share first."""
     few = [scores for scores in laboratories if {*scores} & {*CAUSES}]
-    all_um = np.array([getattr(scores[HAPTICD], leak) for scores in few])
+    all_um = np.array([scores[HAPTICD].contact_leak_um for scores in few])
     rows = {HAPTICD: {"leak_um": float(np.median(all_um))}}
     for cause in (cause for cause in CAUSES if few and cause in few[0]):
-        known_um = np.array([getattr(scores[cause], leak) for scores in few])
+        known_um = np.array([scores[cause].contact_leak_um for scores in few])
         share = 1.0 - np.mean(known_um**2) / np.mean(all_um**2)
         rows[f"{cause} perfect"] = {"leak_um": float(np.median(known_um)), "share_frac": float(share)}
     ordered = dict(sorted(rows.items(), key=lambda row: -row[1].get("share_frac", np.inf)))
-    title = f"worlds: one cause made perfect, {len(few)} laboratories, {where}"
-    return Table(name, title, ordered, ("leak_um",), ("share: that of the mean square of the leak",))
+    title = f"worlds: one cause made perfect, {len(few)} laboratories, contacts"
+    return Table("worlds_causes", title, ordered, ("leak_um",), ("share: that of the mean square of the leak",))
+
+
+def _felt(laboratories: dict[str, _Scores]) -> Table:
+    rows = {
+        f"{glass}, {asked}: {scheme}": loop.felt_figures([scores[f"{asked}: {scheme}"] for scores in worlds])
+        for glass, worlds in laboratories.items()
+        for asked in ASKED
+        for scheme in (HAPTICD, GUIDED, PERFECT)
+    }
+    notes = (
+        "medians over the laboratories; felt, within two: both fingers within one or two JND (0.11) of what was asked",
+        "amplitudes: judged by what they give this person, even over the contact; frictions: by themselves",
+        f"curve known: this person's scale, with an error of {100 * CALIBRATED_FRAC:g} % RMS, the same for all fingers",
+    )
+    each = ", ".join(f"{len(worlds)} x {glass}" for glass, worlds in laboratories.items())
+    return Table("worlds_felt", f"worlds: {SCENARIO}, what is felt in laboratories, {each}", rows, notes=notes)

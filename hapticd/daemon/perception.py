@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import logging
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
+from itertools import accumulate
 
 import msgspec
 
@@ -28,12 +30,38 @@ LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
 READ_NS = 1_000_000  # before a status: what its sensors read, of the reference before that which it acknowledges
 READING_UM = 0.4  # by which one reading of all modes and the reference differ by their times alone
 OLD_NS = 50_000_000  # a status says nothing of the present
+BIN_JND, BINS = 0.05, 400  # of errors over time: larger ones count as the last
 
 log = logging.getLogger("hapticd")
 
 
+class ErrorTally:
+    """A finger's errors, weighed by time, of which the first counts at once."""
+
+    def __init__(self, error_jnd: float) -> None:
+        self._sum_jnd_ns = 0.0
+        self._spans_ns = [0] * BINS
+        self.add(error_jnd, 1)
+
+    def add(self, error_jnd: float, span_ns: int) -> None:
+        self._sum_jnd_ns += error_jnd * span_ns
+        self._spans_ns[min(int(abs(error_jnd) / BIN_JND), BINS - 1)] += span_ns
+
+    def figures(self) -> dict[str, float]:
+        """Return the fields of `Perceived` that are over time."""
+        ends_ns = [*accumulate(self._spans_ns)]
+        all_ns = ends_ns[-1]
+        return {
+            "bias_jnd": self._sum_jnd_ns / all_ns,
+            "median_jnd": BIN_JND * (bisect_left(ends_ns, 0.5 * all_ns) + 0.5),
+            "error_95_jnd": BIN_JND * (bisect_left(ends_ns, 0.95 * all_ns) + 0.5),
+            "felt_frac": ends_ns[round(1.0 / BIN_JND) - 1] / all_ns,
+            "within_two_frac": ends_ns[round(2.0 / BIN_JND) - 1] / all_ns,
+        }
+
+
 class Perception:
-    """Friction at each finger, and the share of time in which it was beyond the Weber fraction from what was asked.
+    """Friction at each finger, and how far it was from what was asked, over time.
 
     `by_reference` judges amplitudes where they are driven for: over contacts if `has_contacts`, else at points.
     """
@@ -55,11 +83,11 @@ class Perception:
         self._t_last_ns = 0
         self._fails = False
         self._changes: dict[FingerKey, float] = {}
-        self._spans_ns: dict[FingerKey, tuple[int, int]] = {}  # beyond the Weber fraction, and in all
+        self._tallies: dict[FingerKey, ErrorTally] = {}
 
     def judge(self, tick: Tick) -> tuple[Tick, dict[FingerKey, Perceived]]:
         """Return the pass with the amplitudes that are to be expected of it, and what is perceived at each finger that
-        is down or takes part in it; its share of time is that since it came into the solve. A failure costs only that,
+        is down or takes part in it; what is over time is so since it came into the solve. A failure costs only that,
         because the reference was sent: it is logged once."""
         try:
             judged = self._judged(tick)
@@ -72,7 +100,8 @@ class Perception:
         return judged
 
     def _judged(self, tick: Tick) -> tuple[Tick, dict[FingerKey, Perceived]]:
-        self._count(tick.t_now_ns - self._t_last_ns)
+        for key, change in self._changes.items():
+            self._tallies[key].add(change / WEBER_FRAC, tick.t_now_ns - self._t_last_ns)
         self._t_last_ns = tick.t_now_ns
         solved = {point.key: point for point in tick.points}
         keys = list(dict.fromkeys([*[finger.finger_id for finger in self._pipeline.fingers], *solved]))
@@ -96,7 +125,9 @@ class Perception:
             for key, (_, _, target_um), speed_gain in zip(keys, past.places, past.speed_gains, strict=True)
             if key in solved
         }
-        self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
+        self._tallies = {
+            key: self._tallies.get(key) or ErrorTally(change / WEBER_FRAC) for key, change in self._changes.items()
+        }
         reported: dict[FingerKey, Finger] = {finger.finger_id: finger for finger in self._pipeline.fingers}
         perceived = {key: self._felt_only(one, ellipses[key], reported.get(key)) for key, one in felt.items()}
         for key, point in solved.items():
@@ -170,29 +201,15 @@ class Perception:
         return msgspec.structs.replace(
             felt_only,
             friction_change=change,
-            weber_frac=self._weber_frac(point.key),
             error_jnd=off_jnd if self._has_contacts else None,
             achieved_um_low=achieved.low_um,
             achieved_um_high=achieved.high_um,
             misses_target=gets_um < LEAST_SHARE * point.target_um or abs(off_jnd) > 1.0,
+            **self._tallies[point.key].figures(),
         )
-
-    def _count(self, span_ns: int) -> None:
-        for key, change in self._changes.items():
-            beyond_ns, all_ns = self._spans_ns[key]
-            self._spans_ns[key] = beyond_ns + span_ns * is_felt(change), all_ns + span_ns
-
-    def _weber_frac(self, key: FingerKey) -> float:
-        beyond_ns, all_ns = self._spans_ns[key]
-        return beyond_ns / all_ns if all_ns > 0 else float(is_felt(self._changes[key]))
 
 
 def _area_mm2(finger: Finger) -> float | None:
     """Return the area of the ellipse that the pad reports, None without one."""
     area_mm2 = 0.25 * math.pi * finger.major_mm * finger.minor_mm
     return area_mm2 if area_mm2 > 0.0 else None
-
-
-def is_felt(friction_change: float) -> bool:
-    """Whether a relative change of friction is beyond the Weber fraction."""
-    return abs(friction_change) > WEBER_FRAC

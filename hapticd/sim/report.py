@@ -45,7 +45,7 @@ _COLUMNS = (
 )
 _FINGER_COLUMNS = (
     ("bias", "bias_jnd", 8),
-    ("median", "error_jnd", 8),
+    ("median", "median_jnd", 8),
     ("95 %", "error_95_jnd", 8),
     ("within one", "felt_frac", 12),
     ("two JND", "within_two_frac", 9),

@@ -52,7 +52,7 @@ class FingerFriction:
     that is below for 95 % of the time, and the shares of time within one and two just noticeable differences."""
 
     bias_jnd: float
-    error_jnd: float
+    median_jnd: float
     error_95_jnd: float
     felt_frac: float
     within_two_frac: float
@@ -70,7 +70,6 @@ class Score:
     contact_leak_um: float
     contact_slip_um: float
     contrast: float
-    contrast_median: float
     felt_frac: float
     within_two_frac: float
     limit_frac: float
@@ -124,7 +123,6 @@ def score(
         contact_leak_um=leak_um,
         contact_slip_um=slip_um,
         contrast=slip_um / leak_um if leak_um > 0.0 else math.nan,
-        contrast_median=_median_contrast(rms_um, still, slipping),
         felt_frac=_within_frac(errors_jnd, counts, 1.0),
         within_two_frac=_within_frac(errors_jnd, counts, 2.0),
         fingers=tuple(_friction(errors_jnd[:, n : n + 1], counts[:, n : n + 1]) for n in range(errors_jnd.shape[1])),
@@ -207,16 +205,6 @@ def disc(radius_mm: float) -> tuple[FloatArray, FloatArray]:
     turns = 2.0 * np.pi * (np.arange(_SPOKES) + 0.5 * (np.arange(_RINGS)[:, None] % 2)) / _SPOKES
     points = ring_mm[:, None, None] * np.stack((np.cos(turns), np.sin(turns)), axis=-1)
     return points.reshape(-1, 2), np.repeat(weight / 2.0 / _SPOKES, _SPOKES)
-
-
-def _median_contrast(rms_um: FloatArray, still: npt.NDArray[np.bool_], slipping: npt.NDArray[np.bool_]) -> float:
-    """Return the median over time of the least slipping contact's RMS over the largest still one's."""
-    both = still.any(axis=1) & slipping.any(axis=1)
-    if not both.any():
-        return math.nan
-    largest_um = np.where(still, rms_um, 0.0).max(axis=1)[both]
-    least_um = np.where(slipping, rms_um, np.inf).min(axis=1)[both]
-    return float(np.median(least_um / np.maximum(largest_um, 1e-9)))
 
 
 def settled(t_s: FloatArray, target_um: FloatArray) -> npt.NDArray[np.bool_]:

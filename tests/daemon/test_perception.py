@@ -80,19 +80,22 @@ def test_a_finger_without_a_target_feels_the_plate_but_nothing_was_asked_for_it(
     (perceived,) = perception_of(given).judge(given.tick(0))[1].values()
     assert perceived.felt_friction == pytest.approx(0.5, abs=1e-3)
     assert perceived.contact_um == pytest.approx(1.0, abs=1e-3)
-    assert (perceived.friction_change, perceived.weber_frac, perceived.error_jnd) == (None, None, None)
+    assert (perceived.friction_change, perceived.felt_frac, perceived.error_jnd) == (None, None, None)
 
 
-def test_the_share_of_time_beyond_the_weber_fraction_begins_again_with_each_touch() -> None:
+def test_errors_over_time_begin_again_with_each_touch() -> None:
     given = Given(0.0)
     perception = perception_of(given)
-    shares = []
+    found = []
     for t_ms, reference_um in ((0, 1.0), (10, 0.0), (40, 0.0)):
         given.modal_um = (reference_um, 0.0)
-        shares.append(perception.judge(given.tick(t_ms))[1][1].weber_frac)
+        found.append(perception.judge(given.tick(t_ms))[1][1])
     perception.judge(Given().tick(50))
-    shares.append(perception.judge(given.tick(60))[1][1].weber_frac)
-    assert shares == [1.0, 1.0, 0.25, 0.0]
+    found.append(perception.judge(given.tick(60))[1][1])
+    assert [one.felt_frac for one in found] == pytest.approx([0.0, 0.0, 0.75, 1.0], abs=1e-6)
+    assert found[2].bias_jnd == pytest.approx(-0.25 * 0.4 / 0.11, abs=0.01)
+    assert (found[2].median_jnd, found[2].error_95_jnd) == pytest.approx((0.0, 0.4 / 0.11), abs=0.05)
+    assert [one.within_two_frac for one in found] == [one.felt_frac for one in found]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +183,7 @@ def test_telemetry_and_recordings_report_the_same_friction_and_amplitude_of_cont
     for point in recorded["points"]:
         finger = fingers[point["finger_id"]]
         assert math.isfinite(point["friction_change"])
-        assert 0.0 <= point["weber_frac"] <= 1.0
+        assert 0.0 <= point["felt_frac"] <= 1.0
         assert finger["error_jnd"] is None  # a plate of two modes is driven for points
         for name in Perceived.__struct_fields__:
             assert point.get(name) == finger[name]

@@ -70,7 +70,7 @@ def test_without_fingers_figures_are_nan() -> None:
         "leak_um",
         "slip_error_um",
         "slip_frac",
-        *("contact_leak_um", "contact_slip_um", "contrast", "contrast_median"),
+        *("contact_leak_um", "contact_slip_um", "contrast"),
         *("felt_frac", "within_two_frac", "limit_frac"),
     ]
     assert judged.limited_frac == 0.0
@@ -120,7 +120,7 @@ def test_a_finger_s_error_is_in_just_noticeable_differences_and_has_a_median_and
 
     (finger,) = perceived(constant(0.0), moving_um).fingers
 
-    assert finger.error_jnd == pytest.approx((1.0 - math.exp(-0.05 / 0.7)) / 0.11)
+    assert finger.median_jnd == pytest.approx((1.0 - math.exp(-0.05 / 0.7)) / 0.11)
     assert finger.error_95_jnd == pytest.approx((1.0 - math.exp(-0.1 / 0.7)) / 0.11)
     assert finger.felt_frac == pytest.approx((0.8 - SETTLE_S) / (1.0 - SETTLE_S), abs=0.005)
     assert finger.within_two_frac == 1.0

@@ -525,13 +525,13 @@ def test_a_field_of_a_body_is_refused_by_its_name(op: str, body: dict[str, objec
 
 
 def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
-    ghost = FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True, weber_frac=math.nan)
+    ghost = FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True, bias_jnd=math.nan)
     state = PlateState(9, 12, 2**40, "ACTIVE", (ghost,), (1.0,), True, 10.5, 16.0, measured_d_q_um=((math.nan, 2.0),))
     sent = msgpack.unpackb(client.encode_state(state))
     assert b"fingers" in client.encode_state(replace(state, fingers=(), measured_d_q_um=()))
     (finger,) = sent["fingers"]
     assert {*finger} == {*FingerState.__struct_fields__}
-    assert (finger["achieved_um"], finger["weber_frac"], sent["measured_um"]) == (None, None, [[None, 2.0]])
+    assert (finger["achieved_um"], finger["bias_jnd"], sent["measured_um"]) == (None, None, [[None, 2.0]])
     assert (sent["t_ns"], sent["modal_um"], sent["limited"]) == (2**40, [1.0], True)
 
 

@@ -18,14 +18,11 @@ class Perceived(Struct, frozen=True, kw_only=True):
     plate follows its reference, or moves as the board measures where its voltage ends. What the daemon does not know of
     its mode map, sensors and pad is expected, in quadrature, by section `uncertainty` of its configuration; `_low` and
     `_high` are where the value lies in nine of ten cases, by the same. Not in it: what the amplifiers put into undriven
-    modes, and how a person's friction curve differs from the daemon's."""
+    modes, and how the person's friction differs from the daemon's curve: it judges by its own belief of the person."""
 
     friction_change: float | None = None
     """its friction over that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery than
     asked. A target's amplitude stands for the friction of an even vibration"""
-    weber_frac: float | None = None
-    """share of time in which `error_jnd` was beyond 1 either way, since the finger had a target and the daemon a
-    subscriber"""
     contact_um: float | None = None
     """RMS amplitude over its contact"""
     felt_friction: float | None = None
@@ -33,6 +30,14 @@ class Perceived(Struct, frozen=True, kw_only=True):
     error_jnd: float | None = None
     """`friction_change` in just noticeable differences of 0.11; nil also on a plate that is driven for points
     (`contact_radius_mm` of `plate` is 0)"""
+    bias_jnd: float | None = None
+    """mean of `friction_change` / 0.11 since the finger had a target and the daemon a subscriber"""
+    median_jnd: float | None = None
+    """median and 95 % of its size over that time, up to 20"""
+    error_95_jnd: float | None = None
+    felt_frac: float | None = None
+    """shares of that time within one and two just noticeable differences"""
+    within_two_frac: float | None = None
     contact_um_low: float | None = None
     """intervals of nine in ten cases"""
     contact_um_high: float | None = None

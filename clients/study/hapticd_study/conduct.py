@@ -114,6 +114,7 @@ class _Conductor:
             limited_frac=touch.limited.value or 0.0,
             felt_friction=touch.friction.value,
             pressure_frac=touch.pressure.value,
+            **touch.errors,
             t_daemon_ns=touch.t_daemon_ns,
         )
 

@@ -13,13 +13,14 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
+from statistics import median
 from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
 
 from .analysis import Group, Result, analyse, analyse_group
 from .experiment import StudyError
-from .session import SUFFIX, Answer, Session, read
+from .session import ERRORS, SUFFIX, Answer, Session, read
 from .thresholds import curves, rating_lines, threshold_lines
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
@@ -60,7 +61,7 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     group = analyse_group(results) if results else None
     fitted = curves(finished)
     lines = [text(results, group, simulated)] if group is not None else []
-    lines += [*threshold_lines(fitted), *rating_lines(finished)]
+    lines += [*threshold_lines(fitted), *rating_lines(finished), *error_lines(finished)]
     print("\n".join(lines), file=sys.stderr if json_file == STDOUT else sys.stdout)
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
@@ -115,6 +116,18 @@ def text(results: Sequence[Result], group: Group, simulated: str = "") -> str:
     lines += ["", f"average success rate {100 * group.mean_frac:.2f} %{spread} ({_people(len(results), simulated)})"]
     lines += [f"against guessing, {100 * group.guess_frac:.3g} %, two-sided:", *_tests(results, group)]
     return "\n".join(lines)
+
+
+def error_lines(sessions: Sequence[Session]) -> list[str]:
+    """Return how far the first finger's friction was from what was asked, by telemetry, medians over the trials."""
+    answers = [answer for session in sessions for answer in session.answers if answer.median_jnd is not None]
+    if not answers:
+        return []
+    bias, middle, most, one, two = (median(getattr(answer, name) for answer in answers) for name in ERRORS)
+    return [
+        f"first finger, by the daemon's belief of the person: bias {bias:.2f}, median {middle:.2f}, 95 % {most:.2f} "
+        f"JND; within one JND {one:.0%}, two {two:.0%} of the time (medians of {len(answers)} trials)"
+    ]
 
 
 def _tests(results: Sequence[Result], group: Group) -> list[str]:

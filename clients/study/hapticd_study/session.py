@@ -27,6 +27,13 @@ from .order import Trial, presented
 VERSION = 2
 SUFFIX = ".jsonl"
 BEGIN = b'{"kind": "session", '  # of every session file: others are not overwritten
+ERRORS = (
+    "bias_jnd",
+    "median_jnd",
+    "error_95_jnd",
+    "felt_frac",
+    "within_two_frac",
+)  # as telemetry and `Answer` name them
 MAX_SEED = 2**63 - 1
 MAX_BYTES = 1 << 20  # of a file, which has some 10 kB
 
@@ -39,7 +46,8 @@ class Answer:
 
     `touched_s` is the time of the finger on the plate, `speed_mm_s` its mean speed there, `limited_frac` the share of
     that time in which the plate missed its targets, `felt_friction` and `pressure_frac` the means of what telemetry
-    says of its first finger, `t_daemon_ns` the last state of the trial on the daemon's monotonic clock, as recordings
+    says of its first finger, `bias_jnd` .. `within_two_frac` what it says of its errors in the trial, by its own belief
+    of the person, `t_daemon_ns` the last state of the trial on the daemon's monotonic clock, as recordings
     have it; None where it is not known.
     """
 
@@ -52,6 +60,11 @@ class Answer:
     limited_frac: _Finite
     felt_friction: _Finite | None = None
     pressure_frac: _Finite | None = None
+    bias_jnd: _Finite | None = None
+    median_jnd: _Finite | None = None
+    error_95_jnd: _Finite | None = None
+    felt_frac: _Finite | None = None
+    within_two_frac: _Finite | None = None
     t_daemon_ns: int | None = None
 
 

@@ -13,6 +13,7 @@ import msgspec
 from hapticd_contract.targets import ClientTargets, FingerTarget
 
 from .experiment import Experiment, Levels
+from .session import ERRORS
 
 if TYPE_CHECKING:
     from hapticd_client import Client, FingerState, PlateState
@@ -49,7 +50,8 @@ class _Touch:
     limited: _Mean = field(default_factory=_Mean)
     friction: _Mean = field(default_factory=_Mean)
     pressure: _Mean = field(default_factory=_Mean)
-    t_daemon_ns: int | None = None  # of the last state
+    errors: dict[str, float | None] = field(default_factory=dict)  # ERRORS of the last state,
+    t_daemon_ns: int | None = None  # and its instant
     recent: deque[tuple[float, float]] = field(default_factory=deque)  # (duration s, path mm), RECENT_S of them
 
     @property
@@ -65,6 +67,7 @@ class _Touch:
 
     def add(self, finger: FingerState, step_s: float, path_mm: float, *, limited: bool) -> None:
         """Add one step between two states with the finger down."""
+        self.errors = {name: getattr(finger, name) for name in ERRORS}
         self.touched_s += step_s
         self.path_mm += path_mm
         self.limited.add(float(limited), step_s)

@@ -59,7 +59,9 @@ class FakeClient:
             places = [(name, 0.0, True) for name in self.virtuals]
             places += [(key, x_mm if key == self.finger else 30.0, False) for key in (self.finger, *self.more) if key]
             fingers = tuple(
-                FingerState(key, x, 0.0, x, 0.0, None, None, virtual, felt_friction=0.25, pressure_frac=0.2)
+                FingerState(
+                    key, x, 0.0, x, 0.0, None, None, virtual, felt_friction=0.25, pressure_frac=0.2, bias_jnd=-0.5
+                )
                 for key, x, virtual in places
             )
             yield PlateState(

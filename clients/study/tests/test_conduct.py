@@ -50,7 +50,7 @@ def test_a_session_presents_its_combinations_and_keeps_answers_and_exploration(t
     assert held.is_over
     for trial, answer in enumerate(held.answers, 1):
         assert (answer.trial, answer.answer, answer.limited_frac) == (trial, "high", 1.0)
-        assert (answer.felt_friction, answer.pressure_frac) == pytest.approx((0.25, 0.2))
+        assert (answer.felt_friction, answer.pressure_frac, answer.bias_jnd) == pytest.approx((0.25, 0.2, -0.5))
         assert (answer.speed_mm_s, answer.touched_s, answer.took_s) == pytest.approx((50.0, 0.58, 0.59))
     gap_s = held.answers[1].t_unix_s - held.answers[0].t_unix_s
     assert gap_s == pytest.approx(GIVEN.experiment.rest_s + held.answers[1].took_s)

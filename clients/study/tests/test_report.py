@@ -59,6 +59,15 @@ def test_the_paper_s_numbers_make_the_paper_s_sentence_and_tables(
         assert (row["recognised"] == "1") == (row["presented"] == row["answer"])
 
 
+def test_what_the_first_finger_felt_is_said_by_medians_over_the_trials(papers: Path) -> None:
+    (first, *_) = report.sessions_in(papers)
+    answers = [replace(first.answers[0], bias_jnd=bias, median_jnd=0.8, error_95_jnd=2.0, felt_frac=0.6,
+                       within_two_frac=0.9) for bias in (-0.5, 0.1, 0.2)]  # fmt: skip
+    (line,) = report.error_lines([replace(first, answers=tuple(answers))])
+    assert "bias 0.10, median 0.80, 95 % 2.00 JND; within one JND 60%, two 90%" in line
+    assert report.error_lines([first]) == []
+
+
 def test_the_figure_has_each_rate_with_its_interval(papers: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))

@@ -35,7 +35,7 @@ def test_the_tables_hold_what_the_records_do(strokes: Path) -> None:
     assert set(found["targets"]["finger_id"]) == {"1", "2"}
     assert set(found["targets"]["target_um"]) == {0.0, 1.0}
     assert found["targets"]["friction_change"].min() < -0.2 < 0.2 < found["targets"]["friction_change"].max()
-    assert ((found["targets"]["weber_frac"] >= 0.0) & (found["targets"]["weber_frac"] <= 1.0)).all()
+    assert ((found["targets"]["felt_frac"] >= 0.0) & (found["targets"]["felt_frac"] <= 1.0)).all()
     assert np.abs(np.hypot(found["truth"]["plate_d_um"], found["truth"]["plate_q_um"])).max() < 4.4
     late_ms = found["ledger"]["late_ns"] * 1e-6
     assert np.abs(late_ms).max() < 1.0

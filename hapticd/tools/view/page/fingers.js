@@ -70,7 +70,7 @@ export class FingerList {
     write(row.amounts, friction || amplitude);
     row.amounts.classList.toggle("felt", finger.misses_target ?? Math.abs(finger.error_jnd) > 1);
     const whose = owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`;
-    write(row.owner, friction ? `${amplitude} over the contact · ${whose}` : whose);
+    write(row.owner, friction ? [`${amplitude} over the contact`, ...errorsText(finger), whose].join(" · ") : whose);
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
     row.sticky.setAttribute("aria-pressed", owner !== null && target_um === 0);
@@ -91,6 +91,14 @@ function frictionText(finger) {
 function noticed(error_jnd) {
   const times = Math.abs(error_jnd);
   return times > 1 ? ` · off by ${times.toFixed(times < 9.95 ? 1 : 0)} × what is noticed` : " ✓";
+}
+
+/** How far off a finger's friction was since it had a target, by what the daemon believes of the person. */
+function errorsText({ bias_jnd, median_jnd, error_95_jnd, felt_frac, within_two_frac }) {
+  if (median_jnd === null) return [];
+  const [bias, median, most] = [bias_jnd, median_jnd, error_95_jnd].map((jnd) => jnd.toFixed(1));
+  const [one, two] = [felt_frac, within_two_frac].map((share) => Math.round(100 * share));
+  return [`off by ${median} JND (95 %: ${most}, bias ${bias}), within one ${one} %, two ${two} % of the time`];
 }
 
 /** Where a value lies in nine of ten cases; nothing where it is sure, or of an older daemon. */
