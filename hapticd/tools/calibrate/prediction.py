@@ -1,4 +1,4 @@
-"""Initial weights of the predictor for this pad, learned from a minute of strokes, and the pad's noise.
+"""Initial weights of the predictor for this pad, learned from a minute of strokes.
 
 Weights are learned on one half of the touches and judged on the other. None are kept that are no better there than
 those of many pads.
@@ -38,10 +38,6 @@ PASSES = 2
 LANDING_SAMPLES = 5  # whose predictions say more about the landing than about the pad
 PIECE_SAMPLES = 100  # a second: what was kept counts most where a touch is young
 WORTH_FRAC = 0.99  # of the error on the other half: a smaller gain is chance
-HELD_WORTH_FRAC = 0.5
-MOVING_MM_S = 50.0
-_SMOOTHED = np.array((-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0)) / 21.0  # Savitzky-Golay: a parabola through seven samples
-_LEFT = np.sqrt(1.0 - 7.0 / 21.0)  # of white noise, after the parabola is subtracted
 
 
 class Learned(NamedTuple):
@@ -55,14 +51,6 @@ class Learned(NamedTuple):
     def is_better(self) -> bool:
         """The geometric mean over the horizons falls by more than chance."""
         return float(np.prod(self.after_mm)) < WORTH_FRAC ** len(AHEADS_MS) * float(np.prod(self.before_mm))
-
-
-class _PadNoise(NamedTuple):
-    """Errors of a moving finger's reports, RMS: across its path, along it as a time, and the share that repeats."""
-
-    across_mm: float
-    along_ms: float
-    repeated_frac: float
 
 
 def check(options: argparse.Namespace) -> None:
@@ -157,39 +145,12 @@ def errors_mm(traces: Sequence[Trace], memory: Callable[[], PadMemory]) -> tuple
     return tuple(float(np.sqrt(np.mean(np.concatenate(some)))) for some in squares)
 
 
-def noise(traces: Sequence[Trace]) -> _PadNoise:
-    """Compare samples of moving fingers with the parabola through seven of them."""
-    across_mm, along_s, repeats = [], [], []
-    for trace in traces:
-        repeats.append(np.all(np.diff(trace.xy_mm, axis=0) == 0.0, axis=1))
-        if len(trace.t_s) < len(_SMOOTHED) + 1:
-            continue
-        middle = slice(len(_SMOOTHED) // 2, -(len(_SMOOTHED) // 2))
-        smooth_mm = np.stack([np.convolve(axis, _SMOOTHED, "valid") for axis in trace.xy_mm.T], axis=-1)
-        velocity = np.gradient(smooth_mm, trace.t_s[middle], axis=0)
-        speed = np.hypot(*velocity.T)
-        left_mm = (trace.xy_mm[middle] - smooth_mm)[speed > MOVING_MM_S] / _LEFT
-        unit = (velocity / np.maximum(speed, 1e-9)[:, None])[speed > MOVING_MM_S]
-        across_mm.append(left_mm[:, 1] * unit[:, 0] - left_mm[:, 0] * unit[:, 1])
-        along_s.append(np.sum(left_mm * unit, axis=1) / speed[speed > MOVING_MM_S])
-    return _PadNoise(_rms(across_mm), 1e3 * _rms(along_s), float(np.mean(np.concatenate(repeats))))
-
-
-def _rms(parts: Sequence[FloatArray]) -> float:
-    values = np.concatenate(parts) if parts else np.empty(0)
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
-
-
 def verdict(traces: Sequence[Trace], found: Learned, *, is_simulated: bool) -> Verdict:
     """Judge whether the pad's own weights help on touches that did not teach them."""
-    added = noise(traces)
     period_ms = 1e3 * float(np.median(np.concatenate([np.diff(trace.t_s) for trace in traces])))
     figures = (
         Figure("samples", float(sum(len(trace.t_s) for trace in traces)), ""),
         Figure("report period", period_ms, "ms"),
-        Figure("noise across the way", added.across_mm, "mm"),
-        Figure("error along the way", added.along_ms, "ms"),
-        Figure("reports that repeat", 100.0 * added.repeated_frac, "%"),
         *(
             Figure(f"error {ahead_ms} ms ahead, {whose}", error_mm, "mm")
             for whose, errors in (("weights of many pads", found.before_mm), ("of this pad", found.after_mm))
@@ -202,8 +163,6 @@ def verdict(traces: Sequence[Trace], found: Learned, *, is_simulated: bool) -> V
         settings["pad_weights"] = [round(weight, 4) for weight in found.weights]
     else:
         findings.append((Outcome.WARN, "The weights of many pads are as good: none are kept. Longer strokes may help."))
-    if added.repeated_frac > HELD_WORTH_FRAC:
-        findings.append((Outcome.WARN, "More than half of the reports repeat: keep the fingers moving."))
     gain = 100.0 * (1.0 - found.after_mm[0] / found.before_mm[0])
     outcome, sentence = judge(findings, f"The error 15 ms ahead falls by {gain:.0f} % on touches that taught nothing.")
     return Verdict("prediction", outcome, sentence, figures, {"prediction": settings} if settings else {}, is_simulated)
@@ -230,7 +189,7 @@ def _add_strokes(parser: argparse.ArgumentParser) -> None:
 STEP = Step(
     name="prediction",
     order=11,
-    summary="learn the pad's noise from a minute of strokes (stop the service first)",
+    summary="learn the pad's predictor from a minute of strokes (stop the service first)",
     example="--out DIR",
     arguments=(add_config, _add_strokes),
     check=check,

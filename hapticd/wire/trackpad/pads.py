@@ -54,7 +54,7 @@ def to_fields(pad: Pad) -> dict[str, object]:
 
 
 def from_fields(fields: Mapping[str, object]) -> Pad:
-    """The inverse of `to_fields`; earlier files have a model alone, which must be known. Raises ValueError."""
+    """The inverse of `to_fields`; a model alone must be a known one. Raises ValueError."""
     model = fields.get("model")
     if not isinstance(model, str) or len(model) > _MOST_TEXT:
         raise ValueError(f"a pad must have a model, such as {', '.join(PADS)}")
