@@ -71,6 +71,9 @@ def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
     rows = {row[:26].strip(): row[26:].split() for row in summary(films, live, STATUS).splitlines()}
     assert rows["plate"] == ["reference", "reference", "wide"]
     assert rows["both felt as asked"] == [f"{run.score.felt_frac:.0%}"] * 3
+    sticky = run.score.fingers[1]
+    errors = f"{sticky.bias_jnd:.1f}, {sticky.median_jnd:.1f}, {sticky.error_95_jnd:.1f}"
+    assert rows["sticky error, JND"] == errors.split() * 3
     assert rows["sticky contact, um RMS"] == [f"{run.score.contact_leak_um:.3f}"] * 3
     assert rows["slippery contact, um RMS"] == [f"{run.score.contact_slip_um:.3f}"] * 3
     assert rows["contrast of the two"] == [f"{run.score.contrast:.1f}"] * 3

@@ -135,7 +135,11 @@ def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str
     latency, scores, ours = status["latency_ms"], [film.score for film in films.values()], films[live]
 
     def row(name: str, cells: Iterable[str]) -> str:
-        return f"{name:<27}" + "".join(f"{cell:>12}" for cell in cells)
+        return f"{name:<27}" + "".join(f"{cell:>16}" for cell in cells)
+
+    def errors(finger: int) -> list[str]:
+        found = [score.fingers[finger] for score in scores]
+        return [f"{one.bias_jnd:.1f}, {one.median_jnd:.1f}, {one.error_95_jnd:.1f}" for one in found]
 
     lines = [
         "",
@@ -145,13 +149,16 @@ def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str
         *([row("wires", [column.wires for column in films])] if live.wires != IDENTITY else []),
         row("", ["live" if column == live else "" for column in films]),
         row("both felt as asked", [f"{score.felt_frac:.0%}" for score in scores]),
+        row("both within two JND", [f"{score.within_two_frac:.0%}" for score in scores]),
+        row("slippery error, JND", errors(0)),
+        row("sticky error, JND", errors(1)),
         row("sticky contact, um RMS", [f"{score.contact_leak_um:.3f}" for score in scores]),
         row("slippery contact, um RMS", [f"{score.contact_slip_um:.3f}" for score in scores]),
         row("contrast of the two", [f"{score.contrast:.1f}" for score in scores]),
         row("sticky centre, um RMS", [f"{score.leak_um:.3f}" for score in scores]),
         row("slippery centre, of target", [f"{score.slip_frac:.1%}" for score in scores]),
         f"Over {ours.seconds:.0f} s of strokes as of recorded hands; a contact is a disc of {CONTACT_RADIUS_MM:g} mm "
-        "radius; targets are 0 and 1 um.",
+        "radius; targets are 0 and 1 um. A JND is 11 % of friction; errors: bias, median, 95 %.",
         "",
     ]
     if ours.score.leak_um > 0 and ours.score.slip_frac > LEAST_SLIP_FRAC:
