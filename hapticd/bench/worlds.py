@@ -103,7 +103,7 @@ def _felt(laboratories: dict[str, _Scores]) -> Table:
     notes = (
         "medians over the laboratories; felt, within two: both fingers within one or two JND (0.11) of what was asked",
         "amplitudes: judged by what they give this person, even over the contact; frictions: by themselves",
-        f"curve known: the person's scale just calibrated, to {100 * CALIBRATED_FRAC:g} % RMS, the same for all fingers",
+        f"curve known: the person's scale, just calibrated to {100 * CALIBRATED_FRAC:g} % RMS, for all fingers",
     )
     each = ", ".join(f"{len(worlds)} x {glass}" for glass, worlds in laboratories.items())
     return Table("worlds_felt", f"worlds: {SCENARIO}, what is felt in laboratories, {each}", rows, notes=notes)
