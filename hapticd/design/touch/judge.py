@@ -8,9 +8,10 @@ others. What is not confirmed on both halves is not adopted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -28,18 +29,19 @@ TURN_S = 1.0  # turns are as good as independent, so that their spread tells how
 SURE = 3.0  # standard errors
 WORTH_FRAC = 0.002  # of the residual's square: less is not felt
 SENSE_OF_MAP = 0.012  # what a map as it is scanned, with 2 % of noise, passes for in an element of the sensors
-MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
+MOST_WINDOWS = 6000  # times modes, for pad and sensors, evenly from all: more add time, not accuracy
 MOST_FOR_MAP = 3600  # 72 s, as the service has at most: memory and time of a fit grow with them
 # One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
 UNKNOWN = np.array((0.1, 0.1, 0.005, 0.003, 0.003))
 UNKNOWN_LATENCY_S = 0.0015
 NO_CHANGE = "The held-out touches confirm no change: the calibration is as good as this recording can tell."
-FEW_WINDOWS = 500  # for a first fit, and whether fingers are points
+FEW_WINDOWS = 2000  # times modes, for a first fit, and whether fingers are points
 POINT_MM2 = 3.0  # of spread: a disc of 3.4 mm, smaller than any finger's; a pad off by 1 mm passes for 1 mm2
 MOST_SIGMAS = 4.0  # of the pad's prior: what is farther off needs another step first
 MOST_CROSSTALK = 0.2  # of sensors, and of modes that turned into each other since the scan: by 6 degrees, 0.1
 MOST_DRIFT_HZ = 200.0  # of a mode in a recording: 20 kelvin and more
 APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKNOWN
+Result = TypeVar("Result")
 _FAR = "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
 
 
@@ -114,7 +116,7 @@ class _Fitter:
 
 
 def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> Judged:
-    """Fit and judge, the map last. Processor time for 60 s of touching: 14 s on four modes, a minute on eight."""
+    """Fit and judge, the map last. 60 s of touching on eight modes take 45 s of processor time, on two cores."""
     before = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
@@ -123,15 +125,14 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
             "needed: move two fingers for a minute, one of them slippery."
         )
         return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
-    few = _evenly(windows, MOST_WINDOWS)
+    few, fewest = (_evenly(windows, most // modes.M) for most in (MOST_WINDOWS, FEW_WINDOWS))
     fitter = _Fitter(modes, parasitic_modes, are_points=True)
-    near = fitter.fit(_evenly(windows, FEW_WINDOWS), Free(pad=True, sense=True), before).calibration
-    fitter = replace(fitter, are_points=_are_points(_evenly(windows, FEW_WINDOWS), fitter, near))
-    first, second = _halves(few)
-    one = fitter.fit(first, fitter.free, near)
-    other = fitter.fit(second, fitter.free, one.calibration)
-    lessons = ((second, transferable(windows, one.calibration)), (first, transferable(windows, other.calibration)))
-    gains = [fitter.gain(part, before, lesson) for part, lesson in lessons]
+    near = fitter.fit(fewest, Free(pad=True, sense=True), before).calibration
+    fitter = replace(fitter, are_points=_are_points(fewest, fitter, near))
+    halves = _halves(few)
+    one, other = _on_two_cores(lambda half: fitter.fit(half, fitter.free, near), halves)
+    lessons = [transferable(windows, taught.calibration) for taught in (one, other)]
+    gains = _on_two_cores(lambda half, lesson: fitter.gain(half, before, lesson), halves[::-1], lessons)
     found = fitter.fit(few, fitter.free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusals = _refusals(found, latency_sigma_s, one, other, len(windows.sessions))
@@ -153,6 +154,12 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
     if _is_crossed(judged.fitted):
         return replace(judged, calibration=before, refusal=_FAR, map_refusal=_FAR, waves=None)
     return replace(judged, calibration=without_bias(judged.calibration, session_postures_mm(few, found)))
+
+
+def _on_two_cores(task: Callable[..., Result], *arguments: Sequence[Any]) -> list[Result]:
+    """Return what a task makes of both halves, by threads: numpy lets others run meanwhile."""
+    with ThreadPoolExecutor(2) as cores:
+        return list(cores.map(task, *arguments))
 
 
 def _are_points(windows: Windows, fitter: _Fitter, near: Calibration) -> bool:
@@ -249,15 +256,11 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((modes.M, len(waves))))
     halves = _halves(windows)
-    fits, gains = [], []
-    for taught, held_out in (halves, halves[::-1]):
-        fits.append(fitter.fit(taught, fitter.free, start))
-        lesson = fits[-1].calibration
-        if len(windows.sessions) > 1:
-            lesson = replace(lesson, pad=start.pad)
-        gains.append(fitter.gain(held_out, start, lesson))
-        if not gains[-1].confirms:
-            break  # which the other half cannot mend
+    fits = _on_two_cores(lambda half: fitter.fit(half, fitter.free, start), halves)
+    lessons = [taught.calibration for taught in fits]
+    if len(windows.sessions) > 1:
+        lessons = [replace(lesson, pad=start.pad) for lesson in lessons]
+    gains = _on_two_cores(lambda half, lesson: fitter.gain(half, start, lesson), halves[::-1], lessons)
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if _unconfirmed(gains):
         place = where_next(windows, modes).sentence(len(windows) * WINDOW_S)

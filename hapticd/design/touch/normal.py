@@ -14,7 +14,7 @@ from .problem import TouchProblem
 
 OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 CLUSTER_S = 0.2
-_BLOCK = 200  # windows whose derivatives are in memory at once, of which there are some copies
+_BLOCK = 128  # windows whose derivatives are in memory at once, of which there are some copies
 
 
 class Normal(NamedTuple):
