@@ -80,8 +80,7 @@ class TrackpadConfig:
         "",
         f"which one, by its source; hid: one of {', '.join(PAD_NAMES)}, empty: the connected one; evdev: path or name, "
         "empty: the first multitouch device; tuio: address and port to bind, empty: "
-        f"{TUIO_ADDRESS}; replay: a recording of `libinput record`, `evemu-record` or `evtest`, or JSON lines: "
-        '{"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab"} each, host time and bytes in hex',
+        f"{TUIO_ADDRESS}; replay: a recording of `libinput record`, `evemu-record` or `evtest`",
     )
     size_mm: tuple[float, ...] = key(
         (), "width and height of the device's range of positions; empty: as it says itself", low=1, high=5000

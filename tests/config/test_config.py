@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import re
 import tomllib
 from dataclasses import fields, replace
 from pathlib import Path
@@ -28,11 +27,10 @@ from hapticd.config.sections import (
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.daemon.settings import friction_curve
 from hapticd.errors import ConfigError
-from hapticd.io.devices.replay import read_recording
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.plate.glasses import GLASSES
 from hapticd.sim.plate.wirings import WIRINGS
-from hapticd.wire.trackpad import DEFAULT_PAD, PADS
+from hapticd.wire.trackpad import PADS
 
 
 def load(text: str, tmp_path: Path) -> Config:
@@ -147,18 +145,18 @@ def test_the_names_that_it_accepts_are_those_that_exist() -> None:
 
 
 def test_file_names_are_taken_from_the_configurations_own_folder(tmp_path: Path) -> None:
-    for name in ("modes.npz", "pad.jsonl", "fingers.csv"):
+    for name in ("modes.npz", "pad.yml", "fingers.csv"):
         (tmp_path / name).write_bytes(b"x")
     loaded = load(
         "[plate]\nmodes_file = 'modes.npz'\n"
-        "[trackpad]\nsource = 'replay'\ndevice = 'pad.jsonl'\n[sim]\nscenario = 'fingers.csv'\n"
+        "[trackpad]\nsource = 'replay'\ndevice = 'pad.yml'\n[sim]\nscenario = 'fingers.csv'\n"
         "[client]\ntcp = '[::1]:7410'\nkeys_dir = 'keys'\n"
         "[record]\nfile = 'all.mcap'\n",
         tmp_path,
     )
     found = loaded.plate.modes_file, loaded.trackpad.device, loaded.sim.scenario
     found += loaded.client.keys_dir, loaded.record.file
-    names = ("modes.npz", "pad.jsonl", "fingers.csv", "keys", "all.mcap")
+    names = ("modes.npz", "pad.yml", "fingers.csv", "keys", "all.mcap")
     assert found == tuple(str(tmp_path.resolve() / name) for name in names)
 
 
@@ -182,14 +180,6 @@ def test_at_most_forty_keys_are_left() -> None:
 def test_a_matrix_that_is_none_is_refused(matrix: str, sentence: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=sentence):
         load(f"[trackpad]\nmatrix = {matrix}\n", tmp_path)
-
-
-def test_the_form_of_reports_to_replay_is_documented_by_lines_that_are_read(tmp_path: Path) -> None:
-    (line,) = [line for line in config.render(Config()).splitlines() if line.startswith('device = ""  # which')]
-    file = tmp_path / "reports.jsonl"
-    file.write_text("\n".join(re.findall(r"\{.*?\}", line)), encoding="utf-8")
-    pad, (report,) = read_recording(file)
-    assert (pad, report.t_host_ns, report.data) == (DEFAULT_PAD, 123, b"\x02\xab")
 
 
 def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_person_set() -> None:

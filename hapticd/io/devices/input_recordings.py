@@ -85,7 +85,7 @@ class InputRecording:
                 f"{_DECLARED[self._program]} from before the first event."
             )
         if not self.axes and not self.name:
-            raise TrackpadError(f'{where}: is no recording of {_READ}, and does not begin with {{"model": "..."}}.')
+            raise TrackpadError(f"{where}: is no recording of {_READ}: make one.")
         return described(self.name or "The device", f"in {where}", self.axes, size_mm)
 
     def take(self, line: str) -> None:

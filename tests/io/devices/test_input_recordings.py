@@ -14,7 +14,7 @@ from asynchronous import VirtualTimeLoop, asynchronous
 from listener import Listener
 
 from hapticd.errors import TrackpadError
-from hapticd.io.devices.replay import MAX_EVENT_LINES, ReplayTrackpad, read_recording
+from hapticd.io.devices.replay import MAX_LINES, ReplayTrackpad, read_recording
 from hapticd.values import TouchFrame
 from hapticd.wire.trackpad import Decoder
 
@@ -187,8 +187,8 @@ GETEVENT = "[   78826.389007] /dev/input/event2: EV_ABS       ABS_MT_POSITION_X 
         (GETEVENT, "getevent", "ranges"),
         ("# of Android\n" + GETEVENT.replace("EV_ABS       ABS_MT_POSITION_X   ", "0003 0035"), "getevent", "ranges"),
         (GETEVENT.partition("] ")[2], "getevent", "ranges"),
-        ("Dear Sir,\n", "libinput record, evemu-record or evtest", "model"),
-        ("", "libinput record, evemu-record or evtest", "model"),
+        ("Dear Sir,\n", "libinput record, evemu-record or evtest", "make one"),
+        ("", "libinput record, evemu-record or evtest", "make one"),
     ],
 )
 def test_what_is_missing_is_named_with_the_program_that_wrote_it(
@@ -205,7 +205,7 @@ def test_a_report_keeps_no_more_events_than_a_device_has_axes_and_a_device_no_mo
     assert len(reports[0].data) == 170 * 24
     many = SCREEN | dict.fromkeys(range(0x100, 0x400), (0, 1, 0))
     assert read_recording(written(tmp_path, evemu(many, STROKE)))[0] == pad
-    assert MAX_EVENT_LINES == 4_000_000
+    assert MAX_LINES == 4_000_000
 
 
 @in_virtual_time
@@ -217,7 +217,9 @@ async def test_a_finger_that_lay_still_is_repeated_until_it_is_lifted(tmp_path: 
     source.start(loop, listener.on_reports, listener.on_link)
     await listener.until(lambda: len(listener.links) == 2)
     times_ms = [(report.t_host_ns - 900) * 1e-6 for report in listener.reports]
+    assert times_ms[:3] == [0.0, 8.0, 16.0]
     assert max(after - before for before, after in pairwise(times_ms)) < 15.0
+    assert listener.events[-1] == (None, "replay ended")
     decoder = Decoder(read_recording(path)[0])
     contacts = [decoder.decode(report.data, report.t_host_ns)[-1].contacts for report in listener.reports]
     assert len(contacts) > 20

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import json
 import os
 import queue
 import socket
 import threading
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from asynchronous import VirtualTimeLoop, asynchronous
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from listener import Listener
 
-from hapticd.errors import TrackpadError
 from hapticd.io.devices.hid_trackpad import HidTrackpad, find_pads
-from hapticd.io.devices.replay import ReplayTrackpad, read_recording, write_recording
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.values import RawReport
-from hapticd.wire.trackpad import DEFAULT_PAD, PADS, Pad
+from hapticd.wire.trackpad import DEFAULT_PAD, PADS
 
 MS = 1_000_000
 
@@ -311,70 +305,3 @@ async def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_pa
     events = list(listener.events)
     await asyncio.sleep(10)
     assert listener.events == events
-
-
-# --- recordings ---------------------------------------------------------------------------------------------------
-
-
-@given(
-    st.sampled_from([*PADS.values(), replace(DEFAULT_PAD, period_ns=8_333_333)]),
-    st.lists(st.builds(RawReport, st.integers(0, 10**15), st.binary(max_size=150)), max_size=10),
-)
-@settings(deadline=None, max_examples=30)
-def test_a_recording_reads_back_as_it_was_written(
-    tmp_path_factory: pytest.TempPathFactory, pad: Pad, reports: list[RawReport]
-) -> None:
-    path = tmp_path_factory.mktemp("recordings") / "touch.jsonl"
-    reports.sort(key=lambda report: report.t_host_ns)
-    write_recording(path, pad, reports)
-    assert read_recording(path) == (pad, reports)
-
-
-@in_virtual_time
-async def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path) -> None:
-    path = tmp_path / "touch.jsonl"
-    t_recorded_ns = [5_000_000_000 + n for n in (0, 11_249_999, 11_250_000, 500_000_001)]
-    write_recording(path, PADS["mt2-bt"], [RawReport(t, bytes((0x31, i))) for i, t in enumerate(t_recorded_ns)])
-
-    loop, listener = asyncio.get_running_loop(), Listener()
-    source = ReplayTrackpad(path, clock_ns=lambda: 900 + round(loop.time() * 1e9))
-    arrived_s: list[float] = []
-
-    def on_reports(reports: Sequence[RawReport]) -> None:
-        arrived_s.extend(loop.time() for _ in reports)
-        listener.on_reports(reports)
-
-    source.start(loop, on_reports, listener.on_link)
-    await listener.until(lambda: len(listener.links) == 2)
-    assert [report.t_host_ns - 900 for report in listener.reports] == [t - 5_000_000_000 for t in t_recorded_ns]
-    assert arrived_s == pytest.approx([0, 0.01125, 0.01125, 0.5], abs=1e-6)
-    assert listener.events[0] == (PADS["mt2-bt"], f"replay of 4 reports from {path}")
-    assert listener.events[-1] == (None, "replay ended")
-    await source.close()
-
-
-HEADER = '{"model": "mt2-usb"}\n'
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "reason"),
-    [
-        ("{]", 1, "first line"),
-        ('{"model": "mt9"}', 1, "mt2-usb"),
-        ('{"model": ["mt2-usb"]}', 1, "mt2-usb"),
-        (HEADER + "garbage", 2, "not JSON"),
-        (HEADER + "[" * 10_000, 2, "not JSON"),
-        (HEADER + '{"t_ns": 1, "report": "02"}\n{"t_ns": true, "report": "02"}', 3, "t_ns"),
-        (HEADER + '{"t_ns": 1.5, "report": "02"}', 2, "t_ns"),
-        (HEADER + json.dumps({"t_ns": 1 << 63, "report": "02"}), 2, "64 bits"),
-        (HEADER + '{"t_ns": 1, "report": "021"}', 2, "hex"),
-        (HEADER + '{"t_ns": 1, "report": 2}', 2, "hex"),
-        (HEADER + json.dumps({"t_ns": 1, "report": "02" * 4097}), 2, "4097 bytes"),
-        (HEADER + '{"t_ns": 2, "report": "02"}\n{"t_ns": 1, "report": "02"}', 3, "sort"),
-    ],
-)
-def test_a_bad_line_is_named_with_what_is_wrong(tmp_path: Path, text: str, line: int, reason: str) -> None:
-    path = tmp_path / "bad.jsonl"
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
-    with pytest.raises(TrackpadError, match=rf"bad\.jsonl, line {line}: .*{reason}"):
-        ReplayTrackpad(path)

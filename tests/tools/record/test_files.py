@@ -235,7 +235,7 @@ def test_the_header_is_read_back_to_the_last_bit(header: Header) -> None:
 def test_a_link_names_its_pad_or_none() -> None:
     assert pad_of({"is_up": True, "reason": "here", "pad": to_fields(PADS["mt1"])}) == PADS["mt1"]
     assert pad_of({"is_up": False, "reason": "gone"}) is None
-    with pytest.raises(RecordingError, match=r"'mt9': use one of .*\.$"):
+    with pytest.raises(RecordingError, match=r"layout of reports: use one of .*\.$"):
         pad_of({"is_up": True, "reason": "here", "pad": {"model": "mt9"}})
 
 
