@@ -38,7 +38,7 @@ SEARCH_PLACES = 60
 
 STRONGEST, BEST = 24, 3  # sets of modes that are compared by what is felt: with one share, with all and other drives
 FEW_PLACES, USUAL_SHARE = 30, 0.5
-BESIDE_HZ = (-12.5, 0.0, 12.5)
+BESIDE_HZ = (0.0, -12.5, 12.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +117,20 @@ class Choice:
     share: float
     limits_um: tuple[float, ...]
     felt_frac: float
+
+    def sentence(self, modes: int) -> str:
+        """Return what to do with this many modes of a scan, numbered from 1 as in its file."""
+        undriven = [mode for mode in range(modes) if mode not in self.used]
+        said = f"use modes {_listed(self.used)}; drive {self.drive_hz:.0f} Hz"
+        if len(undriven) == 1:
+            said += f"; mode {_listed(undriven)} stays undriven, its share is compensated"
+        elif undriven:
+            said += f"; modes {_listed(undriven)} stay undriven, their shares are compensated"
+        return said
+
+
+def _listed(modes: Sequence[int]) -> str:
+    return ", ".join(str(mode + 1) for mode in modes)
 
 
 def choose(near: NearModes, task: FeltTask) -> Choice | None:

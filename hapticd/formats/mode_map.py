@@ -3,7 +3,8 @@
 CSV has a header and one line per point, in any order: `x_mm,y_mm`, then for each mode k from 1 `phi_k`, or `re_k,im_k`,
 or `abs_k,deg_k`, or `lowered_hz_k`, the shift of the mode's frequency by a mass at the point. An empty value or
 `nan` is a missing one. Blank lines and lines that begin with # are skipped.
-NPZ holds a grid, `x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx), or `points_mm` (N, 2) and `readings` (N, M).
+NPZ holds a grid, `x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx), or `points_mm` (N, 2) and `readings` (N, M), beside
+which the arrays of `SweptModes` may be.
 
 A grid may lack points, which become NaN; positions within a micrometre of each other are one line of it. Files come
 from outside: no bytes raise anything but ModesError, whose sentence `read_grid` and `read_scan` prefix with the path.
@@ -35,6 +36,7 @@ MAX_LINES = 400  # of a grid along one axis: a third of a millimetre on the plat
 MAX_POSITION_MM = 1e6  # from the plate's centre: a larger value is a damaged file, and could overflow
 
 _GRID, _POINTS = ("x_mm", "y_mm", "shapes"), ("points_mm", "readings")
+_SWEPT = ("frequency_hz", "q_factor", "gain_um_per_v_s")
 _FORMS = (("phi",), ("re", "im"), ("abs", "deg"), ("lowered_hz",))
 _SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above the rounding of a printed position
 _BEYOND_MM = 5.0  # a map may be shifted, and reach this far beyond the plate
@@ -44,11 +46,21 @@ _SAME_SHAPE = 0.999  # cosine between two modes: no pair of positions could be g
 _MIN_FILLED_FRAC = 0.5  # of a grid: with fewer points they are scattered
 
 
+class SweptModes(NamedTuple):
+    """What a sweep of each of A amplifiers shows of a scan's modes: frequency and quality (M,), and what a volt does to
+    a mode's largest amplitude (M, A), um/(V s), with the sign of its readings' real part."""
+
+    frequency_hz: FloatArray
+    q_factor: FloatArray
+    gain_um_per_v_s: FloatArray
+
+
 class Scan(NamedTuple):
-    """`points_mm` (N, 2) and `readings` (N, M), real or complex, NaN where a reading is missing."""
+    """`points_mm` (N, 2) and `readings` (N, M), real or complex, NaN where a reading is missing; `swept` if known."""
 
     points_mm: FloatArray
     readings: npt.NDArray[Any]
+    swept: SweptModes | None = None
 
 
 class LoweredScan(Scan):
@@ -112,7 +124,7 @@ def decode_grid(data: bytes, suffix: str) -> Grid:
 def decode_scan(data: bytes, suffix: str) -> Scan:
     """Decode points and readings in any form. Raises ModesError only."""
     if suffix == ".npz":
-        arrays = _decode_npz(data, (_POINTS, _GRID))
+        arrays = _decode_npz(data, ((*_POINTS, *_SWEPT), _POINTS, _GRID))
         return _scattered(arrays) if "readings" in arrays else _points_of_grid(arrays)
     form, _, table = _decode_csv(data)
     parts = table[:, 2:].reshape(len(table), -1, len(form))
@@ -172,7 +184,7 @@ def _decode_npz(data: bytes, choices: Sequence[Sequence[str]]) -> Arrays:
     except ValueError as error:
         raise ModesError("is not a readable NPZ archive; save it again with numpy.savez.") from error
     if not arrays:
-        expected = " nor ".join(", ".join(names) for names in choices)
+        expected = " nor ".join(", ".join(names) for names in choices[-2:])
         raise ModesError(f"does not hold {expected}; save the arrays with these names.")
     if any(array.dtype.kind not in "fiuc" for array in arrays.values()):
         raise ModesError("holds arrays that are not numbers; save them as float64 or complex128.")
@@ -185,7 +197,18 @@ def _scattered(arrays: Arrays) -> Scan:
         raise ModesError(
             f"points_mm and readings are {points_mm.shape} and {readings.shape}; give (N, 2) and (N, modes)."
         )
-    return Scan(_real(points_mm), _numbers(readings))
+    return Scan(_real(points_mm), _numbers(readings), _swept(arrays, readings.shape[1]))
+
+
+def _swept(arrays: Arrays, modes: int) -> SweptModes | None:
+    if _SWEPT[0] not in arrays:
+        return None
+    swept = SweptModes(*(_real(arrays[name]) for name in _SWEPT))
+    amplifiers = swept.gain_um_per_v_s.shape[-1] if swept.gain_um_per_v_s.ndim else 0
+    is_whole = [one.shape for one in swept] == [(modes,), (modes,), (modes, amplifiers)] and 2 <= amplifiers <= modes
+    if not is_whole or not all(np.isfinite(one).all() for one in swept) or not min(map(np.min, swept[:2])) > 0.0:
+        raise ModesError(f"{', '.join(_SWEPT)}: give (modes,), (modes,) and (modes, 2 amplifiers or more), all finite.")
+    return swept
 
 
 def _points_of_grid(arrays: Arrays) -> Scan:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,9 +23,11 @@ from ...design import CartographyFit, fit_scan, nearest_free_modes
 from ...design.added_mass import signed
 from ...design.cartography import REFERENCE_SIZE_MM
 from ...design.contact_pairs import random_fingers
-from ...design.felt_places import settle_felt, touches_at
+from ...design.felt_places import settle_felt, touches, touches_at
+from ...design.mode_choice import FINGER_KG_S, SEARCH_PLACES, Choice, FeltTask, NearModes, choose
+from ...design.patch_reach import AMPLIFIER_V, PatchDrive
 from ...errors import CalibrationError, ModesError
-from ...formats.mode_map import LoweredScan, Scan, read_scan
+from ...formats.mode_map import LoweredScan, Scan, SweptModes, read_scan
 from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...values import ComplexArray, FloatArray
@@ -49,6 +51,7 @@ RUNAWAY = 3.0  # times the largest readings: a larger map is extrapolated betwee
 TARGETS_UM = (1.0, 0.0)  # of the pairs for which the leak is estimated
 W_LIMIT_UM = 4.0
 PAIRS = 1000
+USUAL_KG_MM2 = 7.5e-6  # of 3 mm of glass: what fingers move undriven modes is small beside what patches do
 SCAN_PT2 = 8  # area of a reading's mark in the picture
 
 
@@ -99,15 +102,42 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     plate = glass.chosen(options) if options.sim else None
     size_mm = options.size or (REFERENCE_SIZE_MM if plate is None else find_glass(plate.plate).size_mm)
-    scan, left_out = _read(options) if plate is None else (Scan(*simulated.scan(options.seed, plate)), {})
+    scan, left_out = _read(options) if plate is None else (simulated.scan(options.seed, plate), {})
     if isinstance(scan, LoweredScan):
         scan = _with_signs(scan, size_mm)
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     with Progress("fitting the scan twice") as progress:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
-    found.fit.modes.save(options.out / MODES_FILE)
     draw(scan, found, options.out / "modes.png", source=simulated.source(options))
-    return verdict(found, len(scan.points_mm), size_mm, plate, left_out)
+    choice, maps = (None, found.fit.modes) if scan.swept is None else chosen(found.fit, scan.swept, size_mm)
+    maps.save(options.out / MODES_FILE)
+    if choice is not None:
+        error_rms = found.fit.map_error_rms[list(choice.used)]
+        found = replace(found, leak=expected_leak(maps, error_rms, size_mm))
+    return verdict(found, len(scan.points_mm), size_mm, plate, left_out, choice)
+
+
+def chosen(fit: CartographyFit, swept: SweptModes, size_mm: tuple[float, float]) -> tuple[Choice, ModeShapes]:
+    """Return which of the scanned modes are driven, and their maps, with what the patches push of the others. Raises
+    CalibrationError."""
+    hz, gain_um_per_v_s = swept.frequency_hz, swept.gain_um_per_v_s
+    driven = PatchDrive(
+        hz, math.pi * hz / swept.q_factor, gain_um_per_v_s, np.full(gain_um_per_v_s.shape[1], AMPLIFIER_V)
+    )
+    signs, task = np.where(fit.scale.real < 0.0, -1.0, 1.0), FeltTask()
+    scanned = ModeShapes(fit.modes.x_mm, fit.modes.y_mm, fit.modes.shapes * signs[:, None, None])
+    found = touches(scanned, size_mm, task.radius_mm, len(task.targets_um), SEARCH_PLACES, task.seed)
+    near = NearModes(driven, found, FINGER_KG_S / (math.prod(size_mm) * USUAL_KG_MM2))
+    choice = choose(near, task)
+    if choice is None:
+        raise CalibrationError(
+            f"No drive is within {task.farthest_hz:g} Hz of {gain_um_per_v_s.shape[1]} modes that the amplifiers move "
+            "each alone: sweep wider and scan more modes, or drive fewer."
+        )
+    used, rest = list(choice.used), near.undriven(choice.used)
+    pushed = near.pushed(used, choice.drive_hz).real
+    shapes = scanned.shapes[used] + np.tensordot(pushed.T, scanned.shapes[rest], 1)
+    return choice, ModeShapes(scanned.x_mm, scanned.y_mm, shapes)
 
 
 def parse_size(text: str) -> tuple[float, float]:
@@ -128,7 +158,7 @@ def fit_map(
     fits: list[CartographyFit] = []
     for by in ("plate_equation", "free_plate"):
         try:
-            fits.append(fit_scan(*scan, size_mm=size_mm, normalise=normalise, by=by))
+            fits.append(fit_scan(scan.points_mm, scan.readings, size_mm=size_mm, normalise=normalise, by=by))
         except ModesError as error:
             if by == "plate_equation":
                 raise CalibrationError(f"The scan cannot be fitted: {error}") from None
@@ -156,8 +186,10 @@ def verdict(
     size_mm: tuple[float, float],
     simulated: SimConfig | None,
     left_out: Mapping[str, int] | None = None,
+    choice: Choice | None = None,
 ) -> Verdict:
-    """Judge whether these are modes of one plate, here the `simulated` one, and the map's expected leak."""
+    """Judge whether these are modes of one plate, here the `simulated` one, and the map's expected leak; `choice`:
+    which of them are driven."""
     fit = found.fit
     figures = [
         Figure("points", float(points), ""),
@@ -170,11 +202,11 @@ def verdict(
     for mode in range(fit.modes.M):
         name, correlation = found.like[mode] if found.like else ("none", math.nan)
         figures += [
-            Figure(f"mode {mode} noise of a reading", 100.0 * fit.noise_rms[mode], "% of the peak"),
-            Figure(f"mode {mode} error of the map", 100.0 * fit.map_error_rms[mode], "% of the peak"),
-            Figure(f"mode {mode} other fit differs by", 100.0 * found.other_differs_rms[mode], "% of the peak"),
-            Figure(f"mode {mode} residual", 100.0 * fit.residual_rms[mode], "% of the peak"),
-            Figure(f"mode {mode} is like {name}", 100.0 * correlation, "%"),
+            Figure(f"mode {mode + 1} noise of a reading", 100.0 * fit.noise_rms[mode], "% of the peak"),
+            Figure(f"mode {mode + 1} error of the map", 100.0 * fit.map_error_rms[mode], "% of the peak"),
+            Figure(f"mode {mode + 1} other fit differs by", 100.0 * found.other_differs_rms[mode], "% of the peak"),
+            Figure(f"mode {mode + 1} residual", 100.0 * fit.residual_rms[mode], "% of the peak"),
+            Figure(f"mode {mode + 1} is like {name}", 100.0 * correlation, "%"),
         ]
     figures += [
         Figure("expected leak, RMS", found.leak.rms_um, "um for 1 um"),
@@ -183,23 +215,27 @@ def verdict(
     taken = "free-plate modes" if fit.by == "free_plate" else "the plate equation"
     taken += " and what they lack" if fit.by == "free_plate" and np.isfinite(fit.free_plate_rms).all() else ""
     passed = f"The map, by {taken}, leaks {found.leak.rms_um:.4f} um for 1 um."
-    outcome, sentence = judge(_findings(found, points, simulated is not None), passed)
+    outcome, sentence = judge(_findings(found, points, simulated is not None or choice is not None), passed)
+    count = fit.modes.M if choice is None else len(choice.used)
+    if choice is not None:
+        sentence = f"{choice.sentence(fit.modes.M)}. {sentence}"
     settings: dict[str, dict[str, Any]] = {"plate": {"size_mm": [*size_mm], "modes_file": MODES_FILE}}
     if simulated is not None:
         settings |= glass.settings(simulated)
-    if len(USUAL_LIMIT_UM) != fit.modes.M:  # the service requires one for each mode
-        usual_um = [min(USUAL_LIMIT_UM)] * fit.modes.M
-        built = None if simulated is None else GroundTruth(PlateSettings.of(simulated.plate, fit.modes.M))
-        settings["limits"] = {"w_limit_um": usual_um if built is None else [*built.w_limit_um]}
+    if simulated is None and choice is not None:
+        settings["limits"] = {"w_limit_um": [round(um, 3) for um in choice.limits_um]}
+    elif len(USUAL_LIMIT_UM) != count:  # the service requires one for each mode
+        built = None if simulated is None else GroundTruth(PlateSettings.of(simulated.plate, count))
+        settings["limits"] = {"w_limit_um": [min(USUAL_LIMIT_UM)] * count if built is None else [*built.w_limit_um]}
     return Verdict("modes", outcome, sentence, tuple(figures), settings, simulated is not None)
 
 
-def _findings(found: FittedMap, points: int, is_simulated: bool) -> Iterator[Finding]:
+def _findings(found: FittedMap, points: int, is_count_known: bool) -> Iterator[Finding]:
     fit, leak_um = found.fit, found.leak.rms_um
     if leak_um > GOOD_LEAK_UM:
         bad = Outcome.FAIL if leak_um > USABLE_LEAK_UM else Outcome.WARN
         yield bad, f"The map would leak {leak_um:.2f} um for 1 um: measure closer points, or longer at each."
-    if len(USUAL_LIMIT_UM) != fit.modes.M and not is_simulated:
+    if len(USUAL_LIMIT_UM) != fit.modes.M and not is_count_known:
         count = f"{fit.modes.M} mode{'' if fit.modes.M == 1 else 's'} where a plate usually has {len(USUAL_LIMIT_UM)}"
         yield Outcome.WARN, f"The scan has {count}: check limits.w_limit_um and the board's modes."
     if found.beyond > RUNAWAY:
@@ -210,18 +246,18 @@ def _findings(found: FittedMap, points: int, is_simulated: bool) -> Iterator[Fin
     alike = (unit @ unit.T / unit.shape[1]) ** 2
     for first, second in combinations(range(fit.modes.M), 2):
         if alike[first, second] > ALIKE_FRAC:
-            yield Outcome.FAIL, f"Modes {first} and {second} have the same shape: drive each of them alone."
+            yield Outcome.FAIL, f"Modes {first + 1} and {second + 1} have the same shape: drive each of them alone."
     for mode, noise_frac in enumerate(fit.noise_rms / sizes):
         if not noise_frac <= USABLE_NOISE_FRAC:
-            yield Outcome.FAIL, f"Mode {mode} is mostly noise: measure longer at each point."
+            yield Outcome.FAIL, f"Mode {mode + 1} is mostly noise: measure longer at each point."
     if not found.like:
         yield Outcome.WARN, "Theory has no mode of this wavelength: check --size, and that positions are in mm."
     for mode, across in enumerate(fit.across_rms):
         if across > ONE_PHASE * fit.noise_rms[mode]:
-            yield Outcome.WARN, f"Mode {mode} does not move in one phase: another mode was driven with it."
+            yield Outcome.WARN, f"Mode {mode + 1} does not move in one phase: another mode was driven with it."
     for mode, (name, correlation) in enumerate(found.like):
         if correlation < LIKE_THEORY_FRAC:
-            like = f"Mode {mode} is like the free plate's {name} by only {100 * correlation:.0f} %"
+            like = f"Mode {mode + 1} is like the free plate's {name} by only {100 * correlation:.0f} %"
             yield Outcome.WARN, f"{like}: check for another mode or a mixture."
     if fit.left_out > WRONG_FRAC * points:
         yield Outcome.WARN, f"{fit.left_out} of {points} readings are wrong: look at the reflecting film."
@@ -272,7 +308,7 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
         shapes = middle.imshow(modes.shapes[mode], origin="lower", extent=extent, **look)
         differences = right.scatter(*scan.points_mm.T, c=100 * residual[:, mode], s=SCAN_PT2, marker="s", **off)
         like = found.like[mode][0] if found.like else "mode"
-        left.set(title=f"mode {mode}: readings", ylabel="y, mm")
+        left.set(title=f"mode {mode + 1}: readings", ylabel="y, mm")
         middle.set(title=f"map, like {like}")
         right.set(title="readings - map")
     for plot in axes.ravel():

@@ -7,17 +7,19 @@ miss their mark, friction that drifts as a finger dries.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from ...config.sections import SimConfig
 from ...core.friction import DEFAULT_FRICTION_CURVE
 from ...design import sample_scan
+from ...formats.mode_map import Scan, SweptModes
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
-from ...sim.plate.glasses import as_built, driven_modes, find_glass
+from ...sim.plate.glasses import find_glass
+from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...sim.plate.shapes import theory
 from ...values import FloatArray, TouchFrame
 from ...wire.trackpad import DEFAULT_PAD, Decoder
@@ -39,19 +41,23 @@ def source(options: argparse.Namespace) -> str:
     return f"simulated, seed {options.seed}" if options.sim else ""
 
 
-def scan(seed: int, plate: SimConfig) -> tuple[FloatArray, npt.NDArray[np.complex128]]:
-    """Return points (N, 2) and complex readings (N, M) of the driven modes."""
-    driven = driven_modes(plate.plate, plate.modes)
-    glass = as_built(plate.plate, driven)
-    names = find_glass(glass).modes[:driven]
-    return sample_scan(
+def scan(seed: int, plate: SimConfig) -> Scan:
+    """Return complex readings of all modes near the drive, and what a sweep shows of them."""
+    truth = GroundTruth(PlateSettings.of(plate.plate, plate.modes or None))
+    glass = truth.settings.glass
+    names = find_glass(glass).modes[: len(truth.frequency_hz)]
+    phase_rad = DRIVE_PHASE_RAD + PHASE_STEP_RAD * np.arange(len(names))
+    points_mm, readings = sample_scan(
         [theory(name, glass)[1] for name in names],
         noise_frac=SCAN_NOISE_FRAC,
         seed=seed,
         missing_frac=SCAN_MISSING_FRAC,
         dropout_frac=SCAN_DROPOUT_FRAC,
-        scale=np.exp(1j * (DRIVE_PHASE_RAD + PHASE_STEP_RAD * np.arange(len(names)))).tolist(),
+        scale=np.exp(1j * phase_rad).tolist(),
     )
+    q_factor = math.pi * truth.frequency_hz / truth.decay_1_s
+    gain_um_per_v_s = truth.gain_um_per_v_s * np.sign(np.cos(phase_rad))[:, None]
+    return Scan(points_mm, readings, SweptModes(truth.frequency_hz, q_factor, gain_um_per_v_s))
 
 
 def touch_reports(

@@ -14,8 +14,8 @@ from hapticd.config.sections import SimConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose
 from hapticd.design.contact_pairs import random_fingers
-from hapticd.errors import CalibrationError
-from hapticd.formats.mode_map import LoweredScan, Scan, read_scan
+from hapticd.errors import CalibrationError, ModesError
+from hapticd.formats.mode_map import LoweredScan, Scan, SweptModes, read_scan
 from hapticd.sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from hapticd.tools.calibrate import folder, modes, simulated
 from hapticd.tools.calibrate.modes import TARGETS_UM, ExpectedLeak, expected_leak, fit_map, solved_um
@@ -27,9 +27,14 @@ SIZE_MM = (137.5, 137.5)
 POINTS_MM = np.random.default_rng(5).uniform(-60.0, 60.0, (2000, 2))
 
 
+def driven_scan(plate: SimConfig, count: int) -> Scan:
+    scan = simulated.scan(1, plate)
+    return Scan(scan.points_mm, scan.readings[:, :count])
+
+
 @pytest.fixture(scope="module")
 def found() -> modes.FittedMap:
-    return fit_map(Scan(*simulated.scan(1, SimConfig())), SIZE_MM, normalise=False)
+    return fit_map(driven_scan(SimConfig(), 2), SIZE_MM, normalise=False)
 
 
 def test_the_map_is_the_plate_within_one_percent_from_readings_with_two(found: modes.FittedMap) -> None:
@@ -55,7 +60,7 @@ def test_the_expected_leak_is_what_the_true_plate_gives_the_sticky_finger(found:
 
 def test_a_grain_of_wax_carried_over_the_plate_gives_the_map_with_its_signs(tmp_path: Path) -> None:
     """50 mg lower a mode by 36 Hz at its largest; a sweep finds that to 0.2 Hz."""
-    points_mm, _ = simulated.scan(1, SimConfig())
+    points_mm = simulated.scan(1, SimConfig()).points_mm
     phi = GroundTruth().shapes(points_mm)[:, :2]
     lowered_hz = 36.0 * phi**2 + np.random.default_rng(3).normal(0.0, 0.2, phi.shape)
     lowered_hz[7, 1] = np.nan
@@ -72,7 +77,7 @@ def test_a_grain_of_wax_carried_over_the_plate_gives_the_map_with_its_signs(tmp_
 
 
 def test_lowered_frequencies_of_no_free_plate_s_mode_have_no_signs() -> None:
-    points_mm, _ = simulated.scan(1, SimConfig())
+    points_mm = simulated.scan(1, SimConfig()).points_mm
     noise_hz = np.random.default_rng(3).uniform(0.0, 1.0, (len(points_mm), 1)) ** 8
     with pytest.raises(CalibrationError, match="lowered_hz_1 is like no mode of a free plate"):
         modes._with_signs(LoweredScan(points_mm, noise_hz), SIZE_MM)
@@ -80,7 +85,7 @@ def test_lowered_frequencies_of_no_free_plate_s_mode_have_no_signs() -> None:
 
 def test_a_plate_of_four_modes_is_calibrated_for_its_contacts() -> None:
     plate = SimConfig(plate="fingertip", modes=4)
-    scan = Scan(*simulated.scan(1, plate))
+    scan = driven_scan(plate, 4)
     found = fit_map(scan, (200.0, 200.0), normalise=False)
     verdict = modes.verdict(found, len(scan.points_mm), (200.0, 200.0), plate)
     assert verdict.outcome is Outcome.PASS
@@ -88,6 +93,27 @@ def test_a_plate_of_four_modes_is_calibrated_for_its_contacts() -> None:
     assert verdict.settings["sim"] == {"plate": "fingertip", "modes": 4}
     assert verdict.settings["limits"]["w_limit_um"] == pytest.approx([6.0, 6.0, 5.55, 5.68], abs=0.01)
     assert folder.accepted(verdict) == verdict
+
+
+def test_of_a_scan_with_its_sweep_the_modes_that_the_amplifiers_move_are_used_the_others_compensated(
+    tmp_path: Path,
+) -> None:
+    scan = simulated.scan(1, SimConfig(plate="fingertip", modes=4))
+    assert scan.swept is not None
+    order = [4, 0, 1, 2, 3]  # the file's first mode is hardly moved, and its share is that of the patches
+    swept = SweptModes(*(one[order] for one in scan.swept))
+    np.savez(tmp_path / "scan.npz", points_mm=scan.points_mm, readings=scan.readings[:, order], **swept._asdict())
+    read = read_scan(tmp_path / "scan.npz")
+    fit = fit_map(read, (200.0, 200.0), normalise=False).fit
+    choice, maps = modes.chosen(fit, swept, (200.0, 200.0))
+    sentence = "use modes 2, 3, 4, 5; drive 29325 Hz; mode 1 stays undriven, its share is compensated"
+    assert choice.sentence(5) == sentence
+    pushed = maps.shapes - (np.where(fit.scale.real < 0, -1.0, 1.0)[:, None, None] * fit.modes.shapes)[1:]
+    assert np.linalg.matrix_rank(pushed.reshape(4, -1), tol=1e-6) == 1
+    damaged = swept._replace(q_factor=np.zeros(5))
+    np.savez(tmp_path / "scan.npz", points_mm=scan.points_mm, readings=scan.readings[:, order], **damaged._asdict())
+    with pytest.raises(ModesError, match="frequency_hz, q_factor, gain_um_per_v_s: give"):
+        read_scan(tmp_path / "scan.npz")
 
 
 def same_twice(fit: CartographyFit) -> CartographyFit:
@@ -111,17 +137,17 @@ def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found
 @pytest.mark.parametrize(
     ("change", "outcome", "sentence"),
     [
-        (lambda f: replace(f, fit=same_twice(f.fit)), Outcome.FAIL, "Modes 0 and 1 have the same shape"),
+        (lambda f: replace(f, fit=same_twice(f.fit)), Outcome.FAIL, "Modes 1 and 2 have the same shape"),
         (lambda f: replace(f, leak=ExpectedLeak(0.5, 0.9)), Outcome.FAIL, "would leak 0.50 um"),
         (lambda f: replace(f, leak=ExpectedLeak(0.1, 0.2)), Outcome.WARN, "would leak 0.10 um"),
         (
             lambda f: replace(f, fit=replace(f.fit, noise_rms=np.array([0.02, 0.5]))),
             Outcome.FAIL,
-            "Mode 1 is mostly noise",
+            "Mode 2 is mostly noise",
         ),
         (lambda f: replace(f, like=()), Outcome.WARN, "Theory has no mode of this wavelength"),
         (lambda f: replace(f, beyond=9.0), Outcome.FAIL, "9.0 times beyond the largest readings"),
-        (lambda f: replace(f, like=(("11x0", 0.99), ("5x10", 0.4))), Outcome.WARN, "Mode 1 is like the free plate's"),
+        (lambda f: replace(f, like=(("11x0", 0.99), ("5x10", 0.4))), Outcome.WARN, "Mode 2 is like the free plate's"),
         (lambda f: replace(f, fit=replace(f.fit, left_out=200)), Outcome.WARN, "200 of 900 readings are wrong"),
         (
             lambda f: replace(f, fit=replace(f.fit, pose=Pose(0.05, 0.5, 0.0))),
@@ -131,7 +157,7 @@ def test_the_service_takes_a_map_of_one_mode_and_a_person_is_asked_to_look(found
         (
             lambda f: replace(f, fit=replace(f.fit, across_rms=np.array([0.02, 0.3]))),
             Outcome.WARN,
-            "Mode 1 does not move in one phase",
+            "Mode 2 does not move in one phase",
         ),
     ],
 )
