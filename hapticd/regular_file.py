@@ -21,18 +21,16 @@ PIECE_BYTES = 1 << 16
 MAX_LINE_CHARACTERS = 1 << 14
 
 
-def open_regular(path: Path, *, to_append: bool = False) -> BinaryIO:
-    """Open a file for reading, and `to_append` to it, which creates it. Raises OSError, also for what is not a regular
-    file."""
-    access = os.O_RDWR | os.O_APPEND | os.O_CREAT if to_append else os.O_RDONLY
-    fd = os.open(path, access | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading. Raises OSError, also for what is not a regular file."""
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     mode = os.fstat(fd).st_mode
     if not stat.S_ISREG(mode):
         os.close(fd)
         if stat.S_ISDIR(mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "Not a regular file", str(path))
-    return os.fdopen(fd, "a+b" if to_append else "rb")
+    return os.fdopen(fd, "rb")
 
 
 def read_bounded(path: Path, max_bytes: int) -> bytes:

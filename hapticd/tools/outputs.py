@@ -21,7 +21,6 @@ from ..regular_file import is_special, open_regular, opened
 
 PICTURE = (".png", ".pdf", ".svg")
 JSON, NPZ, HDF5, RECORDING = (".json",), (".npz",), (".h5", ".hdf5"), (".mcap",)
-PARQUET = (".parquet",)
 STDOUT = "-"
 Suffixes = tuple[str, ...]
 

@@ -16,11 +16,7 @@ __all__ = ["SocketTrackpad"]
 
 
 class SocketTrackpad(LoopSource):
-    """The rig's trackpad.
-
-    The multitouch enable is sent over the same socket, as the feature report's bytes: after connecting and on request.
-    End of file or an error counts as unplugged.
-    """
+    """The rig's trackpad. End of file or an error counts as unplugged."""
 
     RETRY_S = 0.25
 
@@ -28,14 +24,6 @@ class SocketTrackpad(LoopSource):
         super().__init__(clock_ns)
         self._path = os.fspath(path)
         self._socket: socket.socket | None = None
-
-    def request_enable(self) -> None:
-        if self._socket is None:
-            return
-        try:
-            self._socket.send(DEFAULT_PAD.enable)
-        except OSError:
-            return  # as with a pad that refuses it; a lost connection shows at the next read
 
     def _open(self) -> tuple[Pad, str]:
         endpoint = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -46,7 +34,6 @@ class SocketTrackpad(LoopSource):
             endpoint.close()
             raise TrackpadError(f"no simulated trackpad at {self._path} ({error}): start the rig") from None
         self._socket = endpoint
-        self.request_enable()
         return DEFAULT_PAD, f"simulated trackpad at {self._path}"
 
     def _begin(self) -> None:

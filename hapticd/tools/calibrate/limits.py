@@ -14,9 +14,9 @@ from ...design.commissioning import plate
 from ...design.commissioning.findings import Diagnosis, Judgement
 from ...design.wiring import AmplifierSweep, fit_wiring
 from ...values import FloatArray
-from ..firmware.sweep import measured_again
+from ..firmware.sweep import TRIES, VOLTS_FRAC, each_swept, measured_again
 from .bench import BareRig, Bench, bench_step
-from .wires import PICTURE, TRIES, VOLTS_FRAC, short_plan, swept
+from .wires import PICTURE, short_plan
 
 POINTS = 25
 NEAR_HZ = 10.0  # to either side of a resonance, where limits are measured
@@ -28,7 +28,7 @@ async def _limits(bench: Bench) -> Judgement:
         design = await board.design()
         plan = short_plan(design, VOLTS_FRAC * design.v_limit_v)
         try:
-            found = fit_wiring(await swept(board, replace(plan, points=max(POINTS, plan.points))))
+            found = fit_wiring(await each_swept(board, replace(plan, points=max(POINTS, plan.points))))
             modes = found.calibrations()  # raises where a mode has no resonance that a calibration can hold
         except ValueError as error:
             return Judgement("", (Diagnosis(str(error)),))

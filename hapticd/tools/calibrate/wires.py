@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,15 +13,13 @@ from ...design.commissioning import plate, wires
 from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
 from ...design.wiring import AmplifierSweep, fit_wiring
 from ...values import FloatArray
-from ..firmware.sweep import measured_again
+from ..firmware.sweep import VOLTS_FRAC, each_swept
 from .bench import BareRig, Bench, bench_step
 
 ASKED_V = 1.0  # of the first voltage on a new amplifier
-TRIES = 4
 STEP_HZ, DWELL_MS = 15.0, 40  # of a short sweep: half of it settles, 4 time constants at Q 500
 BESIDE_HZ = 120.0  # to either side of the outermost mode: good plates lie 40 Hz off
 SEARCH_STEP_HZ, SEARCH_DWELL_MS = 20.0, 20
-VOLTS_FRAC = 0.1
 SILENT_V_FRAC = 0.1  # of the voltage limit: for what shows nothing at a volt
 WIDTH, HEIGHT = 61, 8  # of a chart
 PICTURE = """\
@@ -60,14 +57,6 @@ def search_plan(design: PlateDesign) -> Sweep:
     return Sweep(0, low_hz, high_hz, points, SEARCH_DWELL_MS, VOLTS_FRAC * design.v_limit_v)
 
 
-async def swept(board: BareRig, plan: Sweep) -> list[AmplifierSweep]:
-    """Return the responses to each amplifier in turn. Raises DeviceError."""
-    return [
-        AmplifierSweep.of(amplifier, await measured_again(board, replace(plan, mode=amplifier), TRIES))
-        for amplifier in range(board.hello.modes)
-    ]
-
-
 async def _wires(bench: Bench) -> Judgement:
     async with bench.board() as board:
         design = await board.design()
@@ -79,7 +68,7 @@ async def _wires(bench: Bench) -> Judgement:
         answers = await _answers(board, design, outputs_v)
         if not answers.is_passed:
             return answers
-        sweeps = await swept(board, short_plan(design, VOLTS_FRAC * design.v_limit_v))
+        sweeps = await each_swept(board, short_plan(design, VOLTS_FRAC * design.v_limit_v))
     _draw(sweeps)
     polarity = wires.judge_polarity(sweeps, design, outputs_v)
     if not polarity.is_passed:
@@ -93,15 +82,15 @@ async def _wires(bench: Bench) -> Judgement:
 
 async def _answers(board: BareRig, design: PlateDesign, outputs_v: Sequence[float | None]) -> Judgement:
     """Sweep by a volt, all that the board can sweep where nothing answers, and by more volts what is silent."""
-    sweeps = await swept(board, short_plan(design, ASKED_V))
+    sweeps = await each_swept(board, short_plan(design, ASKED_V))
     if wires.is_elsewhere(sweeps, design):
-        found = wires.judge_search(await swept(board, search_plan(design)), design)
+        found = wires.judge_search(await each_swept(board, search_plan(design)), design)
         if found is not None:
             _draw(sweeps)
             return Judgement("", (found,))
     shares = wires.shares_of(wires.stacked(sweeps), design)
     if shares.diagonal().min() < wires.SILENT and shares.max() < wires.STRONG:
-        sweeps = await swept(board, short_plan(design, SILENT_V_FRAC * design.v_limit_v))
+        sweeps = await each_swept(board, short_plan(design, SILENT_V_FRAC * design.v_limit_v))
     return wires.judge_answers(sweeps, design, outputs_v, ASKED_V)
 
 

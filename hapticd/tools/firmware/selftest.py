@@ -20,9 +20,8 @@ from ...errors import ConfigError, DeviceError, UsageError
 from ...files import calibration
 from . import text
 from .conversation import Conversation
-from .sweep import VOLTS_FRAC, measured_again
+from .sweep import VOLTS_FRAC, each_swept
 
-TRIES = 4
 BAND_HZ, BESIDE_HZ = 80.0, 50.0  # swept to either side of the drive, and at least beyond the outermost modes
 LEAST_POINTS = 9
 # Of all sweeps together, and of a point: half of it settles, 4 time constants at Q 1000 and at Q 500.
@@ -84,25 +83,13 @@ async def _known(board: Conversation, options: argparse.Namespace) -> Sequence[M
 
 async def measure(board: Conversation, known: Sequence[ModeCalibration]) -> list[AmplifierSweep]:
     """Sweep every amplifier around the drive and the modes. Raises DeviceError."""
-    hello, sweeps = board.hello, []
+    hello = board.hello
     known_hz = [one.frequency_hz for one in known]
     low_hz = min(hello.drive_hz - BAND_HZ, min(known_hz) - BESIDE_HZ)
     high_hz = max(hello.drive_hz + BAND_HZ, max(known_hz) + BESIDE_HZ)
     points = max(LEAST_POINTS, 2 * hello.modes + 1)  # what a fit of as many modes takes
     dwell_ms = min(max(SWEEPS_MS // (points * hello.modes), SHORTEST_MS), LONGEST_MS)
-    for amplifier in range(hello.modes):
-        plan = Sweep(
-            amplifier,
-            low_hz,
-            high_hz,
-            points,
-            dwell_ms,
-            VOLTS_FRAC * hello.v_limit_v,
-        )
-        swept = await measured_again(board, plan, TRIES)
-        response = np.array([point.measured_um for point in swept], np.complex128) / plan.voltage_v
-        sweeps.append(AmplifierSweep(amplifier, np.array([point.frequency_hz for point in swept]), response))
-    return sweeps
+    return await each_swept(board, Sweep(0, low_hz, high_hz, points, dwell_ms, VOLTS_FRAC * hello.v_limit_v))
 
 
 def unsafe(found: MeasuredWiring, known: Sequence[ModeCalibration]) -> list[str]:

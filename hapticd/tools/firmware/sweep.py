@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from ... import board_protocol as protocol
 from ...board_protocol import BoardState, Sweep
 from ...board_values import BoardHello, BoardStatus, SweepPoint
 from ...design.resonance import MIN_POINTS, Resonance, fit_resonance
+from ...design.wiring import AmplifierSweep
 from ...errors import DeviceError, SweepEndedError, UsageError
 from .. import plotting
 from ..arguments import POSITIVE, whole
@@ -27,6 +28,7 @@ VOLTS_FRAC = 0.1  # of the board's limit
 SPARE_S = 2.0  # allowed beyond the sum of the dwells
 LAST_POINTS_S = 0.5  # for a full ring of points over a line of 9600 baud
 CURVE_POINTS = 400
+TRIES = 4  # of a short sweep
 STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
 QUIET_WITHIN = 10  # status messages
 
@@ -129,6 +131,14 @@ async def measured_again(board: Conversation, sweep: Sweep, tries: int) -> list[
             return await measured(board, sweep)
     await _quiet(board)
     return await measured(board, sweep)
+
+
+async def each_swept(board: Conversation, plan: Sweep) -> list[AmplifierSweep]:
+    """Return the responses to each amplifier in turn. Raises DeviceError."""
+    return [
+        AmplifierSweep.of(amplifier, await measured_again(board, replace(plan, mode=amplifier), TRIES))
+        for amplifier in range(board.hello.modes)
+    ]
 
 
 async def _quiet(board: Conversation) -> None:

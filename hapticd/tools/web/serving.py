@@ -17,8 +17,8 @@ from ...errors import HapticdError
 END_WITHIN_S = 1.0
 
 
-def bound(host: str, port: int, option: str = "--port") -> socket.socket:
-    """Return a socket bound to an address of this computer, port 0: any; `option` names it. Raises HapticdError."""
+def bound(host: str, port: int) -> socket.socket:
+    """Return a socket bound to an address of this computer, port 0: any. Raises HapticdError."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -26,7 +26,7 @@ def bound(host: str, port: int, option: str = "--port") -> socket.socket:
     except OSError as error:
         listener.close()
         raise HapticdError(
-            f"Port {port} cannot be bound ({error.strerror}): choose another with {option}, or 0 for any."
+            f"Port {port} cannot be bound ({error.strerror}): choose another with --port, or 0 for any."
         ) from None
     return listener
 
