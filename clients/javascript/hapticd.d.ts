@@ -396,6 +396,20 @@ export interface SurfacesRequest {
   body?: Nothing;
 }
 
+/** Says who touches the plate. */
+export interface PersonRequest {
+  op: "person";
+  body: PersonQuery;
+  v: 1;
+  id: number;
+}
+
+/** Who touches the plate, by the name of a participant; without one whoever the configuration's curve is of. */
+export interface PersonQuery {
+  /** of a participant; without one the configuration's friction curve */
+  name?: string | null;
+}
+
 /** Asks which friction a finger can feel. */
 export interface ReachRequest {
   op: "reach";

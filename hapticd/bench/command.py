@@ -34,6 +34,7 @@ PARTS = {
     "tick": Part("time of a pass, from the report's bytes to the frame's", 0.6),
     "felt": Part("friction as asked over contacts: against its bound, and in the closed loop", 2.0),
     "firmware": Part("how fast and how well the plate follows", 0.1),
+    "persons": Part("a person's friction curve by comparisons, of simulated observers", 0.9),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 130.0),
 }
 APART = "worlds"  # not part of `all`, for it takes longer than all
@@ -76,7 +77,7 @@ def _bench(options: argparse.Namespace) -> None:
 
 def runners(options: argparse.Namespace) -> dict[str, Callable[[], tuple[Table, ...]]]:
     """Return what runs each part, by name."""
-    from . import felt, firmware, modes, prediction, solver, tick, worlds
+    from . import felt, firmware, modes, persons, prediction, solver, tick, worlds
 
     return {
         "modes": modes.run,
@@ -85,6 +86,7 @@ def runners(options: argparse.Namespace) -> dict[str, Callable[[], tuple[Table, 
         "tick": tick.run,
         "felt": felt.run,
         "firmware": firmware.run,
+        "persons": persons.run,
         "worlds": partial(worlds.run, options.worlds or WORLDS, campaign=campaigns.of(options)),
     }
 

@@ -100,21 +100,6 @@ def with_uncertainty(config: Config, uncertainty: UncertaintyConfig) -> Config:
     return replace(config, uncertainty=uncertainty) if config.uncertainty == UncertaintyConfig() else config
 
 
-def with_friction(config: Config, path: Path) -> Config:
-    """Return this configuration with the friction curve of another file, such as one participant's, and its speed if
-    that was measured. Raises ConfigError."""
-    own = load(path).plate
-    if not own.friction_curve:
-        raise ConfigError(f"{path}: holds no friction curve: measure it with `hapticd calibrate friction`.")
-    plate = replace(
-        config.plate,
-        friction_curve=own.friction_curve,
-        friction_floor_frac=own.friction_floor_frac,
-        friction_speed_mm_s=own.friction_speed_mm_s or config.plate.friction_speed_mm_s,
-    )
-    return replace(config, plate=plate)
-
-
 def render(config: Config) -> str:
     """Format the active configuration as TOML with the meaning and bounds of each key."""
     lines = []

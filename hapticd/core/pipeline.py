@@ -34,6 +34,7 @@ from .frame import (
     PlayedReference,
     touch_points,
 )
+from .friction import FrictionCurve
 from .phasors import Phasors
 from .plate.mode_shapes import ModeShapes
 from .solver.felt_descent import COLD
@@ -208,6 +209,12 @@ class Pipeline:
         self._fingers.release(keys)
 
     # --- to the plate ---
+
+    def set_friction_curve(self, curve: FrictionCurve) -> None:
+        """From now on another person touches the plate, and the next pass sends a reference for that one."""
+        self._scene.set_friction_curve(curve)
+        self._solver.curve = curve
+        self.invalidate_reference()
 
     def drive(self, t_now_ns: int, timing: LinkTiming, frames: Sequence[tuple[TouchFrame, int]] = ()) -> Tick:
         """One pass: take the frames that came, each with when it was read; return the reference polyline that takes

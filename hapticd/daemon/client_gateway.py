@@ -48,6 +48,9 @@ class Host(Protocol):
     def report_status(self, t_now_ns: int) -> Mapping[str, object]:
         """The answer to `status`."""
 
+    def switch_person(self, name: str, t_now_ns: int) -> Mapping[str, object]:
+        """The answer to `person`. Raises RequestError for an unknown name."""
+
     def describe_plate(self) -> Plate:
         """The answer to `plate`."""
 
@@ -150,6 +153,8 @@ class ClientGateway:
                 return self._host.report_status(t_now_ns)
             case requests.PlateRequest():
                 return self._host.describe_plate()
+            case requests.PersonRequest(body=asked):
+                return self._host.switch_person(asked.name or "", t_now_ns)
             case requests.SurfacesRequest():
                 return self._describe_surfaces(t_now_ns)
             case requests.HelloRequest() | requests.CapabilitiesRequest():

@@ -14,10 +14,12 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 
 from ..board_values import UNCALIBRATED, BoardCalibration
-from ..config.sections import Config
+from ..config.person import find
+from ..config.sections import Config, PlateConfig
 from ..core.pipeline import OVERRUN_NS, PassTimes
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..files.recording.header import Header, utc_now
@@ -99,7 +101,7 @@ class Daemon:
         """Serve clients first (this takes the lock that refuses a second daemon), then open the devices."""
         self._loop = loop
         self._modes = modes
-        self.machine = self._new_machine()
+        self.machine = self._new_machine(self._config)
         self._server.start(
             loop,
             on_message=self._message,
@@ -124,9 +126,9 @@ class Daemon:
             on_link=self._on_board_link,
         )
 
-    def _new_machine(self) -> Machine:
+    def _new_machine(self, config: Config) -> Machine:
         machine = Machine(
-            self._config,
+            config,
             self._modes,
             write_board=self._write,
             set_baud=self._link.set_baud,
@@ -134,9 +136,18 @@ class Daemon:
             calibration=self._calibration,
             parasitic_modes=self._parasitic_modes,
         )
+        machine.find_person = self._find_person
         machine.status.inputs = self._inputs
         machine.status.lost_messages = lambda: self._server.counters
         return machine
+
+    def _find_person(self, name: str) -> tuple[PlateConfig, str]:
+        """Return the plate for a participant, whose file of 1 KB is read within the loop, and a sentence if it is old;
+        for no name that of the configuration. Raises ConfigError."""
+        if not name:
+            return self._config.plate, ""
+        found = find(name, self._config.plate)
+        return found.plate, found.aged(date.today())
 
     def _inputs(self) -> dict[str, object]:
         trackpad = {**self._trackpad.counters, "reports_left_out": self._reports_left_out}
@@ -147,8 +158,9 @@ class Daemon:
         open; the board's handshake starts again, and clients see another instance."""
         assert self._recorders is not None
         log.info("Recorder attached: restarting the core while idle")
-        machine, before = self._new_machine(), self.machine
-        machine.status.real_time = before.status.real_time
+        before = self.machine
+        machine = self._new_machine(before.config)
+        machine.status.real_time, machine.status.person = before.status.real_time, before.status.person
         self.machine = machine
         self._logged_lost = 0
         self._recorders.begin(machine, t_now_ns)

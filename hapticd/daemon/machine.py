@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import logging
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 from hapticd_contract.replies import Plate
@@ -17,12 +18,13 @@ from hapticd_contract.targets import ClientTargets
 
 from ..board_protocol import BoardState
 from ..board_values import UNCALIBRATED, BoardCalibration
-from ..config.sections import Config
+from ..config.sections import Config, PlateConfig
 from ..core.board.supervisor import DRIVING, Event, State, Supervisor
 from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..core.targets.scene import Scene
+from ..errors import ConfigError, RequestError
 from ..values import LinkTiming, RawReport, Tick
 from ..wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
 from .board_gateway import BoardGateway
@@ -93,14 +95,8 @@ class Machine:
             supervise=self._supervise,
         )
         self.session = self.board.session
-        curve, expected = self.scene.friction_curve, uncertainty(config)
-        self._perception = Perception(
-            self.pipeline,
-            self.session,
-            ContactPerception(curve, config.solver.contact_radius_mm, expected),
-            ContactPerception(curve, settings.contact_radius_mm, expected),
-            has_contacts=settings.contact_radius_mm > 0.0,
-        )
+        self._perception = self._perceived()
+        self.find_person: Callable[[str], tuple[PlateConfig, str]] = _find_nobody
         # A weak reference: a machine that another replaces is freed at once, without the garbage collector.
         self.clients = ClientGateway(
             self.scene, registry, self.pipeline, self.board, instance, weakref.proxy(self), self._observed
@@ -177,6 +173,17 @@ class Machine:
         if (publish is None) != (self.status.publish is None):
             self._observed.put("watched", t_now_ns, publish is not None)
         self.status.publish = publish
+
+    def _perceived(self) -> Perception:
+        curve, expected = self.scene.friction_curve, uncertainty(self.config)
+        radius_mm = self.pipeline.contact_radius_mm
+        return Perception(
+            self.pipeline,
+            self.session,
+            ContactPerception(curve, self.config.solver.contact_radius_mm, expected),
+            ContactPerception(curve, radius_mm, expected),
+            has_contacts=radius_mm > 0.0,
+        )
 
     # --- the touch ---
 
@@ -347,9 +354,39 @@ class Machine:
         """Return the answer to `status`."""
         return self.status.collect(self.trackpad, self._t_reports_ns, t_now_ns)
 
+    def switch_person(self, name: str, t_now_ns: int) -> Mapping[str, object]:
+        """Let a participant touch the plate; return the answer to `person`. Raises RequestError, and then nothing has
+        changed."""
+        try:
+            plate, note = self.find_person(name)
+        except ConfigError as error:
+            raise RequestError(str(error)) from None
+        self.person(name, plate.friction_curve, plate.friction_floor_frac, plate.friction_speed_mm_s, t_now_ns)
+        return {"note": note}
+
+    def person(
+        self, name: str, friction_curve_um: Sequence[float], floor_frac: float, speed_mm_s: float, t_now_ns: int
+    ) -> None:
+        """Take the friction curve of a participant, as in `PlateConfig`."""
+        self._observed.put("person", t_now_ns, name, friction_curve_um, floor_frac, speed_mm_s)
+        plate = replace(
+            self.config.plate,
+            friction_curve=tuple(friction_curve_um),
+            friction_floor_frac=floor_frac,
+            friction_speed_mm_s=speed_mm_s,
+        )
+        self.config = replace(self.config, plate=plate)
+        self.pipeline.set_friction_curve(friction_curve(self.config))
+        self._perception = self._perceived()
+        self.status.person = name
+
     def describe_plate(self) -> Plate:
         """Return the answer to `plate`."""
         return self.status.plate()
+
+
+def _find_nobody(_: str) -> tuple[PlateConfig, str]:
+    raise ConfigError("This plate has no participants.")
 
 
 def _supervise(supervisor: Supervisor, event: Event, reason: str, t_now_ns: int) -> None:

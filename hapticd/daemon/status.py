@@ -58,6 +58,7 @@ class Status:
     ) -> None:
         self.publish: Callable[[bytes], None] | None = None
         self.published = self.failed_passes = 0
+        self.person = ""  # the participant who touches the plate, if a client named one
         self.loop = LoopTiming()
         self.real_time: Mapping[str, object] = {}
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # dropped by the sockets, by cause
@@ -161,6 +162,7 @@ class Status:
             "surfaces": self._surfaces(t_now_ns),
             "assets": self._scene.assets.report(),
             "effects": self._effects(t_now_ns),
+            "person": self.person,
             "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
             "simulated": self._config.rig_dir or None,
             "touch": {**dataclasses.asdict(self._pipeline.counters), "failed_passes": self.failed_passes},

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..config import loader
+from ..config import person
 from ..config.sections import PlateConfig
 from ..core.friction import FrictionCurve
 from ..design.campaign import TaskRunner
@@ -106,8 +106,10 @@ def run(options: argparse.Namespace) -> FeltDesign:
         raise UsageError("--place: --patch says where the patches are: omit one of them.")
     if options.config is not None and options.out is None:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
-    person = PlateConfig() if options.friction is None else _person(options.friction)
-    task = FeltTask((), curve_um=person.friction_curve, floor_frac=person.friction_floor_frac)
+    felt = PlateConfig()
+    if options.friction is not None:
+        felt = person.load(options.friction, felt).plate
+    task = FeltTask((), curve_um=felt.friction_curve, floor_frac=felt.friction_floor_frac)
     task = replace(
         task,
         targets_um=_targets_um(options.felt, task.curve),
@@ -123,7 +125,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
     study = None if count is None else felt_tolerances(best, task, count, campaign)
     try:
         with Progress("fingers in motion on the best plate") as progress:
-            motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, person, progress)
+            motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, felt, progress)
     except ValueError as error:
         motion = str(error).rstrip(".")
     asked = bounds(best, task.q_factor)
@@ -162,14 +164,6 @@ def _searched(options: argparse.Namespace, task: FeltTask, campaign: TaskRunner)
             "patches, or fewer --modes."
         )
     return designs
-
-
-def _person(path: Path) -> PlateConfig:
-    """Return what a configuration says of fingers on the plate. Raises HapticdError."""
-    plate = loader.load(path).plate
-    if not plate.friction_curve:
-        raise UsageError(f"--friction: {path} has no plate.friction_curve: `hapticd calibrate friction` measures one.")
-    return plate
 
 
 def _targets_um(text: str, curve: FrictionCurve) -> tuple[float, ...]:

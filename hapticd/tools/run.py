@@ -8,11 +8,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from types import ModuleType
 from typing import cast
 
 from ..config import loader as config
+from ..config import person
 from ..config.sections import SIMULATED, Config
 from . import glass, simulated_fingers
 
@@ -57,7 +59,10 @@ def _configuration(options: argparse.Namespace) -> Config:
     """Return the same with --friction and the fingers of --scenario. Raises ConfigError, UsageError."""
     loaded = configuration(options)
     if options.friction is not None:
-        loaded = config.with_friction(loaded, options.friction)
+        own = person.load(options.friction, loaded.plate)
+        loaded = replace(loaded, plate=own.plate)
+        if note := own.aged(date.today()):
+            log.warning("%s", note)
     is_simulated = loaded.trackpad.source == SIMULATED
     return replace(loaded, sim=simulated_fingers.chosen(options, loaded.sim, is_simulated=is_simulated))
 

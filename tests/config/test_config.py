@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.config import loader as config
+from hapticd.config import person
 from hapticd.config.sections import (
     PAD_NAMES,
     PLATE_NAMES,
@@ -209,14 +210,18 @@ def test_a_measured_friction_curve_has_its_floor_and_its_speed_and_the_built_in_
 def test_the_friction_of_another_file_takes_the_place_of_the_plates(tmp_path: Path) -> None:
     configured = Config(plate=PlateConfig(friction_speed_mm_s=300.0, friction_curve=(0.0, 2.0)))
     own = tmp_path / "P03.toml"
+
+    def taken() -> PlateConfig:
+        return person.load(own, configured.plate).plate
+
     own.write_text("[plate]\nfriction_curve = [0.0, 0.4, 1.5]\nfriction_floor_frac = 0.1\n", encoding="utf-8")
-    plate = config.with_friction(configured, own).plate
+    plate = taken()
     assert (plate.friction_curve, plate.friction_floor_frac, plate.friction_speed_mm_s) == ((0.0, 0.4, 1.5), 0.1, 300.0)
     own.write_text("[plate]\nfriction_curve = [0.0, 1.5]\nfriction_speed_mm_s = 80\n", encoding="utf-8")
-    assert config.with_friction(configured, own).plate.friction_speed_mm_s == 80.0
+    assert taken().friction_speed_mm_s == 80.0
     own.write_text("[plate]\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="holds no friction curve: measure it"):
-        config.with_friction(configured, own)
+        taken()
 
 
 def test_keys_and_sections_of_another_version_are_left_out() -> None:

@@ -13,8 +13,6 @@ from hapticd.__main__ import main
 from hapticd.config import loader
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.design import felt_search
-from hapticd.design.mode_choice import FeltTask
-from hapticd.errors import UsageError
 from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import plate_felt
@@ -123,16 +121,6 @@ def test_targets_are_frictions_or_amplitudes() -> None:
     slippery_um, half_um, sticky_um = plate_felt._targets_um("0.2,0.5um,1", usual)
     assert (half_um, sticky_um) == (0.5, 0.0)
     assert 0.5 < slippery_um < 2.0
-
-
-def test_a_person_s_friction_decides_what_is_asked(tmp_path: Path) -> None:
-    file = tmp_path / "person.toml"
-    file.write_text("[plate]\nfriction_curve = [0.0, 0.25, 1.0]\n")
-    person = plate_felt._person(file)
-    assert plate_felt._targets_um("0,0.5", FeltTask(curve_um=person.friction_curve).curve) == (1.0, 0.25)
-    file.write_text("")
-    with pytest.raises(UsageError, match=r"plate\.friction_curve"):
-        plate_felt._person(file)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,10 @@ from .targets import (
     MIN_TTL_S,
 )
 
-OPTIONAL = ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects", "priority", "marker_fields")
+OPTIONAL = (
+    *("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects", "priority", "marker_fields"),
+    "person",
+)
 
 
 class Capabilities(Struct, frozen=True):

@@ -112,6 +112,13 @@ class ReachQuery(Contract, frozen=True):
         return ""
 
 
+class PersonQuery(Contract, frozen=True):
+    """Who touches the plate, by the name of a participant; without one whoever the configuration's curve is of."""
+
+    name: Name | None = None
+    """of a participant; without one the configuration's friction curve"""
+
+
 # --- requests ---------------------------------------------------------------------------------------------------
 
 
@@ -186,6 +193,15 @@ class SurfacesRequest(_Bare, frozen=True, tag="surfaces"):
     """Asks for all surfaces in force."""
 
 
+class PersonRequest(_Request, frozen=True, tag="person"):
+    """Says who touches the plate."""
+
+    body: PersonQuery
+
+    def problem(self) -> str:
+        return _within(self.body)
+
+
 class ReachRequest(_Request, frozen=True, tag="reach"):
     """Asks which friction a finger can feel."""
 
@@ -206,6 +222,7 @@ Request = (
     | MarkRequest
     | AssetRequest
     | SurfacesRequest
+    | PersonRequest
     | ReachRequest
 )
 OPS: Final = tuple(str(kind.__struct_config__.tag) for kind in get_args(Request))

@@ -17,7 +17,7 @@ from typing import Any
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from hapticd_client import Client, HapticdError
+from hapticd_client import Client, HapticdError, RefusedError
 
 from . import __version__
 from .conduct import conduct
@@ -172,6 +172,7 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
             # The name is unique, so that a second study on the plate is refused.
             client = held.enter_context(Client(endpoint, name=f"study-{os.getpid()}", timeout_s=within_s))
             file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))
+            _take_person(client, file.session.participant)
             stage = Stage(client, file.session.experiment)
             if options.record:
                 held.enter_context(client.record(_recording(path)))
@@ -188,6 +189,16 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
             raise
         except HapticdError as error:
             raise HapticdError(f"{error} The answers are kept: continue with the same command.") from None
+
+
+def _take_person(client: Client, participant: str) -> None:
+    """Let the plate have the participant's friction curve, where one was measured, else no other participant's."""
+    try:
+        client.person(participant)
+    except RefusedError as error:
+        print(f"{error} The plate's own friction curve is used.", file=sys.stderr)
+        with contextlib.suppress(RefusedError):  # of an older daemon
+            client.person(None)
 
 
 def _recording(path: Path) -> Path:

@@ -115,7 +115,7 @@ class InstantSolver:
         self.limits_um: Final = np.array(w_limit_um) * WIRE_FRAC
         self.contact_radius_mm: Final = contact_radius_mm
         self.has_contacts: Final = contact_radius_mm > 0.0  # then places are taken with their variance
-        self.curve: Final = friction_curve
+        self.curve = friction_curve
         self._modes: Final = modes
         self._w_limit_um: Final = w_limit_um
         self._disc: Final = np.array(SOLVED_DISC) if self.has_contacts else POINT

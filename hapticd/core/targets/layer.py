@@ -28,7 +28,7 @@ class Layer:
         self.owner: Final = owner
         self.surface: Final = surface
         self.content: Final[Content] = surface.content
-        self.texture: Final = texture
+        self.texture = texture
         self.born: Final = born
         self.z: Final = surface.z
         self.t_pose_ns: Final = t_pose_ns

@@ -121,6 +121,14 @@ class Scene:
         self._released.clear()
         return released
 
+    def set_friction_curve(self, curve: FrictionCurve) -> None:
+        """From now on another person touches the plate: all targets and surfaces mean that person's friction."""
+        self.friction_curve = self._textures.curve = curve
+        self.depends_on_speed = curve.speed_mm_s < math.inf
+        for held in self._held.values():
+            held.texture = None if held.target is None else self._textures.amplitude(held.target)
+        self.surfaces.make_textures()
+
     # --- reading, for the touch path ---
 
     @property

@@ -17,7 +17,7 @@ from hapticd_contract.targets import ClientTargets
 
 from ..trajectory.gate import GRAIN_NS
 from .layer import Layer
-from .textures import Textures, detail
+from .textures import AmplitudeAt, Textures, detail
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -96,6 +96,11 @@ class SurfaceSet:
         """Remove what has expired by `t_ns`."""
         if t_ns >= self.t_expires_ns:
             self._stack([layer for layer in self.layers if t_ns < layer.t_expires_ns])
+
+    def make_textures(self) -> None:
+        """Make all textures again: the friction curve is another."""
+        for layer in self.layers:
+            layer.texture = self._texture(layer.surface)
 
     def layer(self, owner: str, name: str) -> Layer | None:
         """Return a client's layer by its name; None if it has none of that name."""
@@ -180,9 +185,11 @@ class SurfaceSet:
             t_pose_ns = before.t_pose_ns
         born = self._born if before is None else before.born
         self._born += before is None
-        content, size_mm = surface.content, _size_mm(surface, self._textures.plate_size_mm)
-        texture, fine = self._textures.amplitude(content, size_mm), detail(content, size_mm)
-        return Layer(owner, surface, texture, fine, born, t_pose_ns)
+        fine = detail(surface.content, _size_mm(surface, self._textures.plate_size_mm))
+        return Layer(owner, surface, self._texture(surface), fine, born, t_pose_ns)
+
+    def _texture(self, surface: Surface) -> AmplitudeAt:
+        return self._textures.amplitude(surface.content, _size_mm(surface, self._textures.plate_size_mm))
 
     def _stack(self, layers: list[Layer]) -> None:
         stacked = sorted(layers, key=lambda layer: (-layer.z, -layer.born))

@@ -45,7 +45,7 @@ class Textures:
     """The textures of one plate: of its friction, within its largest amplitude."""
 
     def __init__(self, curve: FrictionCurve, plate_size_mm: tuple[float, float], w_limit_um: float = math.inf) -> None:
-        self.curve: Final = curve
+        self.curve = curve
         self.plate_size_mm: Final = plate_size_mm
         self.w_limit_um: Final = w_limit_um
         self.assets: Final = Assets()

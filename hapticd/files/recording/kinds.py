@@ -1,7 +1,7 @@
 """Kinds of records: one for each thing that a machine receives, decides or finds, with its topic, form and encoding.
 
     input   reports timer board_bytes board_link trackpad_link targets request watched
-            budget self_test stop disconnect: fed by `replay`
+            budget person self_test stop disconnect: fed by `replay`
     output  written                                                                     compared by `replay`
     found   pass event status ledger marker                                             for people and other programs
     added   truth end                                                                   the plate's own; the last record
@@ -293,6 +293,10 @@ KINDS: dict[str, Kind] = {
     "request": _kind("/input/request", _MESSAGE, _message),
     "watched": _kind("/input/watched", {"is_watched": BOOL}),
     "self_test": _kind("/input/self_test", {"outcome": TEXT, "text": TEXT}),
+    "person": _kind(
+        "/input/person",
+        {"name": TEXT, "friction_curve_um": [NUMBER], "floor_frac": NUMBER, "speed_mm_s": NUMBER},
+    ),
     "budget": _kind("/input/budget", {"frac": NUMBER}),
     "stop": _kind("/input/stop", {}),
     "disconnect": _kind("/input/disconnect", {}),

@@ -7,7 +7,6 @@ directory can be moved as a whole.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import msgspec
 
 from ...config import loader as config
+from ...config import person
 from ...errors import CalibrationError, ConfigError, reason
 from ...regular_file import read_bounded
 from ...sim.plate.wirings import IDENTITY
@@ -23,8 +23,7 @@ from ..outputs import check, create_folder, has_mark, write_text
 from .step import FoundSettings, Outcome, Verdict, in_order
 from .step import steps as all_steps
 
-CONFIG_FILE = "hapticd.toml"
-PARTICIPANTS = "participants"  # folder of those who have results of their own, each in a folder of its name
+CONFIG_FILE = person.FILE
 MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 
@@ -53,13 +52,6 @@ def prepare(
         check([directory / CONFIG_FILE], is_forced=is_forced or has_mark(directory / CONFIG_FILE, HEADER.encode()))
 
 
-def of_participant(directory: Path, name: str) -> Path:
-    """Return the folder of a participant's own results. Raises CalibrationError for another name."""
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name):
-        raise CalibrationError(f"--participant {name[:40]!r}: give letters, digits, - and _, such as P03.")
-    return directory / PARTICIPANTS / name
-
-
 def load(directory: Path) -> dict[str, Verdict]:
     """Read the results in the steps' order. Raises CalibrationError."""
     found = {}
@@ -86,7 +78,7 @@ def accepted(verdict: Verdict) -> Verdict:
     """Return the verdict, as failed if the service refuses its settings, which would invalidate all others."""
     if verdict.outcome is Outcome.FAIL:
         return verdict
-    table = {section: dict(keys) for section, keys in verdict.settings.items()}
+    table = {section: dict(keys) for section, keys in verdict.settings.items() if section != person.SECTION}
     for section, key, of_another_step in (("plate", "modes_file", "modes.npz"), ("trackpad", "source", "hid")):
         table.setdefault(section, {}).setdefault(key, of_another_step)  # a real board is refused without them
     try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from ...values import FloatArray
 from .. import plotting
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
-from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, judge
+from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, about, add_participant, judge
 
 COLUMNS = ("amplitude_um", "friction")
 SPEED_COLUMN = "speed_mm_s"  # optional
@@ -68,7 +68,8 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     found = fit_friction(*(simulated.friction_readings(options.seed) if options.sim else read(options.readings)))
     draw(found, options.out / "friction.png", source=simulated.source(options))
-    return verdict(found, is_simulated=options.sim)
+    found_verdict = verdict(found, is_simulated=options.sim)
+    return replace(found_verdict, settings={**found_verdict.settings, **about(options)})
 
 
 def read(path: Path) -> FloatArray:
@@ -223,7 +224,6 @@ def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
 def _add_readings(parser: argparse.ArgumentParser) -> None:
     columns = "columns amplitude_um,friction, and optionally speed_mm_s"
     parser.add_argument("--readings", type=Path, metavar="F.csv", help=columns)
-    parser.add_argument("--participant", metavar="NAME", help="of whose finger they are: for `hapticd run --friction`")
 
 
 STEP = Step(
@@ -231,7 +231,7 @@ STEP = Step(
     order=12,
     summary="fit friction against amplitude (--readings FILE)",
     example="--readings friction.csv --out DIR",
-    arguments=(_add_readings,),
+    arguments=(_add_readings, add_participant),
     check=check,
     run=run,
 )

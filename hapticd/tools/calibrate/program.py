@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ...config import person
 from ...errors import CalibrationError, DeviceError
 from .. import glass
 from ..arguments import add_command, whole
@@ -19,13 +20,13 @@ from . import folder
 from .bench import at_bench
 from .step import MissingInput, Outcome, Step, Verdict, in_order, steps
 
-DEFAULT_OUT = Path("calibration")
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = f"{parser.description} Without a step: the order, and the steps done so far."
     parser.epilog = f"{parser.epilog}\n         hapticd run --config DIR/hapticd.toml"
-    parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default calibration)")
+    parser.add_argument(
+        "--out", type=Path, default=person.CALIBRATION, metavar="DIR", help="results (default calibration)"
+    )
     parser.add_argument("--sim", action="store_true", help="measure the simulated plate")
     parser.set_defaults(command=_run, step=None)
     commands = parser.add_subparsers(title="steps", metavar="STEP")
@@ -60,8 +61,8 @@ def _run(options: argparse.Namespace) -> int:
     require_matplotlib()
     if getattr(options, "participant", None) is not None:
         if options.step == "all":
-            raise CalibrationError("--participant is for the friction alone: hapticd calibrate friction --participant.")
-        options.out = folder.of_participant(options.out, options.participant)
+            raise CalibrationError("--participant is for one step: hapticd calibrate person, or friction.")
+        options.out = person.folder_of(options.out, options.participant)
     if hasattr(options, "plate"):
         glass.chosen(options, is_simulated=options.sim)
     chosen = [steps()[name] for name in (in_order() if options.step == "all" else [options.step])]
@@ -146,6 +147,8 @@ def run_step(step: Step, options: argparse.Namespace) -> Verdict:
 
 def keep(verdict: Verdict, options: argparse.Namespace) -> None:
     """Write a verdict to the folder, and print it. Raises HapticdError."""
+    if person.SECTION in verdict.settings and verdict.outcome is not Outcome.FAIL:
+        folder.forget(options.out, {"friction", "person"} - {verdict.step})  # the last one measured counts
     path = folder.save(options.out, verdict)
     print(verdict, flush=True)
     if verdict.outcome is Outcome.FAIL:

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from datetime import date
 from enum import Enum
 from functools import cache
 from importlib import import_module
@@ -13,6 +14,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any
 
+from ...config import person
 from ...design.commissioning.findings import Diagnosis
 from ...errors import CalibrationError
 
@@ -109,6 +111,20 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", type=Path, help="the service's configuration (default, of the delays: DIR/hapticd.toml)"
     )
+
+
+def add_participant(parser: argparse.ArgumentParser) -> None:
+    """Add whose finger is measured, if it is a participant's."""
+    parser.add_argument("--participant", metavar="NAME", help="of whose finger: results go to DIR/participants/NAME")
+    parser.add_argument("--finger", default="right index", metavar="FINGER", help="hand and finger (right index)")
+
+
+def about(options: argparse.Namespace) -> FoundSettings:
+    """Return the section that says whose a friction curve is; nothing for a plate's."""
+    if options.participant is None:
+        return {}
+    today = date.today().isoformat()
+    return {person.SECTION: {"name": options.participant, "date": today, "finger": options.finger}}
 
 
 @cache

@@ -87,6 +87,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
         bench.run(120)
     bench.machine.targets(b"\xc1 no message", bench.t_ns, "uid 8")
     bench.machine.budget(0.5, bench.t_ns)
+    bench.machine.person("anna", (0.0, 0.5, 1.5), 0.1, 200.0, bench.t_ns)
     assert bench.ask("marker", client="test", text="trial 1 begins")["ok"]
     assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False
     assert bench.ask("release", client="test", finger=2)["ok"]
