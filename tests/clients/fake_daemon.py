@@ -11,6 +11,7 @@ from pathlib import Path
 from msgspec import Struct
 from msgspec.structs import replace
 
+from hapticd import __version__
 from hapticd.core.targets.scene import Scene
 from hapticd.daemon.client_gateway import described
 from hapticd.daemon.client_registry import ClientRegistry
@@ -34,6 +35,8 @@ class FakeDaemon:
         self.directory = directory
         self.remote = remote
         self.size_mm = (137.5, 137.5)
+        self.modal_um: tuple[float, ...] = (1.0, 2.0)
+        self.status: Mapping[str, object] = {}  # more than its own
         self.fingers: dict[int, tuple[float, float]] = {}
         self.protocol = PROTOCOL_VERSION
         self.messages = 0
@@ -128,12 +131,12 @@ class FakeDaemon:
             case requests.ReachRequest(body=query):
                 return Reach(self.reach if query.finger in (None, *self.fingers) else None)
             case requests.HelloRequest():
-                hello = Hello(version="0.0", instance=self._instance, optional=self.optional)
+                hello = Hello(version=__version__, instance=self._instance, optional=self.optional)
                 return replace(hello, protocol=self.protocol)
             case requests.CapabilitiesRequest():
                 return Capabilities()
             case requests.StatusRequest():
-                return {"messages": self.messages, "t_ns": t_ns}
+                return {"messages": self.messages, "t_ns": t_ns, **self.status}
             case requests.SurfacesRequest():
                 surfaces, assets = self.scene.surfaces, self.scene.assets
                 return Surfaces(surfaces.version, tuple(described(one, assets) for one in surfaces.layers))
@@ -168,8 +171,8 @@ class FakeDaemon:
             fingers.append(FingerState(key, x_mm, y_mm, x_mm, y_mm, wanted_um, wanted_um, isinstance(key, str)))
         events = tuple(self._event(self.happens.pop(0), t_ns) for _ in self.happens[:1])
         return PlateState(
-            *(self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 10.0, 16.0),
-            modal_q_um=(0.0, 0.0),
+            *(self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), self.modal_um, False, 10.0, 16.0),
+            modal_q_um=(0.0,) * len(self.modal_um),
             measured_d_q_um=(),
             events=events,
         )

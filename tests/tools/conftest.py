@@ -1,23 +1,18 @@
-"""Wrong calls of commands, the figures that commands draw, frames with known delays, a daemon's status, and a fake of
-its sockets."""
+"""Wrong calls of commands, the figures that commands draw, frames with known delays, a daemon's status, and a daemon
+without a plate."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import pytest
+from clients.conftest import daemon  # noqa: F401
 from machine_bench import SLIPPERY, STICKY, Bench
 
 from hapticd.__main__ import main
 from hapticd.tools import plotting
 from hapticd.tools.latency import MeasuredLatency, gather
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "clients" / "python"))
-
-from tools.stream.daemon_states import FakeDaemon
 
 
 @pytest.fixture
@@ -60,10 +55,3 @@ def reported() -> dict[str, Any]:
     bench.board.status()
     bench.run(300)
     return dict(bench.machine.report_status(bench.t_ns))
-
-
-@pytest.fixture
-def fake_daemon(tmp_path: Path) -> Iterator[FakeDaemon]:
-    daemon = FakeDaemon(tmp_path)
-    yield daemon
-    daemon.close()

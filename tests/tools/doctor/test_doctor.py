@@ -9,15 +9,14 @@ import resource
 import socket
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from clients.fake_daemon import FakeDaemon
 from input_node import AXES, FakeNode
-from tools.stream.daemon_states import FakeDaemon
 from virtual_board import BoardLink, in_virtual_time
 
 from hapticd import __version__
@@ -179,13 +178,10 @@ def test_a_stale_socket_is_not_a_daemon_and_a_lock_is(
 
 
 def test_a_daemon_that_answers_is_asked_for_its_status(
-    tmp_path: Path, fake_daemon: FakeDaemon, reported: dict[str, Any]
+    tmp_path: Path, daemon: FakeDaemon, reported: dict[str, Any]
 ) -> None:
-    with ThreadPoolExecutor() as pool:
-        asked = pool.submit(service.find, Config(), {}, str(tmp_path))
-        assert fake_daemon.answer({"protocol": 1, "version": __version__, "instance": 7}) == "hello"
-        assert fake_daemon.answer(reported) == "status"
-        found = asked.result()
+    daemon.status = reported
+    found = service.find(Config(), {}, str(tmp_path))
     assert service.daemon(found) == CheckResult(PASS, f"version {__version__} answers in {tmp_path}")
     assert service.health(found).text == "ACTIVE: touched"
     assert devices.firmware(found).text == "version 9.9, at 921600 baud, reported to the daemon"
@@ -196,16 +192,21 @@ def test_a_daemon_that_answers_is_asked_for_its_status(
 
 
 def test_a_daemon_in_a_directory_that_others_may_have_made_is_not_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake_daemon: FakeDaemon
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(service, "TEMPORARY", tmp_path.parent)
     monkeypatch.setattr(service, "directories", lambda _: (tmp_path,))
     tmp_path.chmod(0o777)
-    found = service.find(Config(), {})
+    with socket.socket(socket.AF_UNIX) as control:
+        control.bind(str(tmp_path / "control"))
+        control.listen()
+        control.setblocking(False)
+        found = service.find(Config(), {})
+        with pytest.raises(BlockingIOError):
+            control.accept()
     assert (found.status, found.directory) == (None, tmp_path)
     finding = service.daemon(found)
     assert (finding.verdict, "other users may write to it" in finding.text) == (FAIL, True)
-    assert not fake_daemon.control.poll(0)
 
 
 def test_a_directory_without_access_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
