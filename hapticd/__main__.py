@@ -64,7 +64,7 @@ COMMANDS = {
     ),
     "firmware": Command(
         "tools.firmware.program",
-        "work with the board: status, sweeps, telemetry, gains",
+        "work with the board: status, sweeps, telemetry",
         "sweep --port /dev/ttyACM0 --mode 0 --plot mode-0.png",
     ),
     "plate": Command(

@@ -5,14 +5,12 @@
 
 Each message is one MessagePack map:
 
-    truth     {"t_ns": .., "paths": .., "path": [.., ..], "fingers": [[x_mm, y_mm], ..], "modal_um": [[d, q], ..],
-               "truth_um": [[d, q], ..]}
+    truth     {"t_ns": .., "fingers": [[x_mm, y_mm], ..], "modal_um": [[d, q], ..], "truth_um": [[d, q], ..]}
     fingers   {"fingers": {"1": [x_mm, y_mm], ..}} or {"fingers": nil}, of `hapticd_contract.simulated`; a finger may
               have its pressure and its contact behind its place, a message its "sender"
 
-`t_ns` is the host's monotonic clock; `fingers` are those that touch; `path` is the index of each of the rig's `paths`
-fingers, first the scenario's, then the user's; `modal_um` are all modes of the plate, driven ones first; `truth_um` is
-the complex displacement under each touching finger, peak to peak. A sender repeats its message: after
+`t_ns` is the host's monotonic clock; `fingers` are those that touch; `modal_um` are all modes of the plate, driven ones
+first; `truth_um` is the complex displacement under each finger, peak to peak. A sender repeats its message: after
 `hands.TIMEOUT_S` without one its fingers lift, or the scenario's land again; after fingers these wait `RETURN_S`.
 """
 
@@ -42,7 +40,6 @@ class RigSockets:
     """Both sockets, bound in `directory` until `close`. Raises DeviceError if that fails."""
 
     def __init__(self, directory: Path) -> None:
-        self.refused = 0  # invalid messages
         self._is_subscribed = False
         self._t_sent_s = 0.0
         self._paths = [directory / name for name in ENDPOINTS]
@@ -71,8 +68,6 @@ class RigSockets:
         touching = np.flatnonzero(np.isfinite(now.finger_mm[:, 0]))
         message = {
             "t_ns": t_ns,
-            "paths": len(now.finger_mm),
-            "path": touching.tolist(),
             "fingers": now.finger_mm[touching].tolist(),
             "modal_um": [[w_um.real, w_um.imag] for w_um in now.plate_um.tolist()],
             "truth_um": [[w_um.real, w_um.imag] for w_um in truth_um[touching].tolist()],
@@ -80,12 +75,12 @@ class RigSockets:
         self._truth.send(msgpack.packb(message), zmq.NOBLOCK)
 
     def held(self) -> Iterator[SimulatedTouches]:
-        """Yield the messages of fingers since the last call; invalid ones are counted."""
+        """Yield the messages of fingers since the last call; invalid ones are left out."""
         while True:
             try:
                 yield decode_hands(self._fingers.recv(zmq.NOBLOCK))
             except RequestError:
-                self.refused += 1
+                continue
             except zmq.Again:
                 return
 

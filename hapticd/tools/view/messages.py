@@ -82,7 +82,6 @@ def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] =
             "limited": state.limited,
             "misses_target": state.misses_target,
             "events": [{name: getattr(event, name) for name in EVENT_FIELDS} for event in events],
-            "age_ms": state.age_ms,
             "horizon_ms": state.horizon_ms,
             "truth": truth and asdict(truth),
         }
@@ -153,7 +152,6 @@ def _finger(finger: FingerState) -> dict[str, object]:
         if finger.predicted_x_mm is None or finger.predicted_y_mm is None
         else [finger.predicted_x_mm, finger.predicted_y_mm],
         "target_um": finger.target_um,
-        "achieved_um": finger.achieved_um,
         "virtual": finger.virtual,
         "owner": finger.owner,
         **{name: getattr(finger, name) for name in Perceived.__struct_fields__},
