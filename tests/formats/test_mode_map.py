@@ -213,12 +213,15 @@ def test_every_form_of_a_scan_gives_the_same_readings(tmp_path: Path) -> None:
     points_mm = random.uniform(-60.0, 60.0, (50, 2))
     readings = random.standard_normal((50, 2)) + 1j * random.standard_normal((50, 2))
     readings[3, 1] = np.nan
-    np.savez(tmp_path / "scan.npz", points_mm=points_mm, readings=readings)
+    swept = {"frequency_hz": np.ones(2), "q_factor": np.ones(2), "gain_um_per_v_s": np.eye(2)}
+    np.savez(tmp_path / "scan.npz", points_mm=points_mm, readings=readings, **swept)
     forms: dict[str, Callable[[complex], tuple[float, float]]] = {
         "re_1,im_1,re_2,im_2": lambda w: (w.real, w.imag),
         "abs_1,deg_1,abs_2,deg_2": lambda w: (abs(w), float(np.degrees(np.angle(w)))),
     }
     scans = [read_scan(tmp_path / "scan.npz")]
+    assert scans[0].swept is not None
+    assert scans[0].swept.gain_um_per_v_s.tolist() == [[1.0, 0.0], [0.0, 1.0]]
     for columns, parts in forms.items():
         rows = [
             f'"{x!r}", {y!r},' + ",".join("," if np.isnan(w) else "{!r},{!r}".format(*parts(w)) for w in row)
@@ -243,6 +246,11 @@ def test_a_grid_of_complex_values_and_a_real_table_are_scans(tmp_path: Path) -> 
     assert np.isnan(scan.readings[1, 0])
 
 
+def swept_scan(gain_um_per_v_s: np.ndarray, q_factor: float = 1.0) -> dict[str, np.ndarray]:
+    swept = {"frequency_hz": np.ones(2), "q_factor": np.full(2, q_factor), "gain_um_per_v_s": gain_um_per_v_s}
+    return {"points_mm": np.zeros((3, 2)), "readings": np.zeros((3, 2)), **swept}
+
+
 @pytest.mark.parametrize(
     ("arrays", "sentence"),
     [
@@ -251,6 +259,9 @@ def test_a_grid_of_complex_values_and_a_real_table_are_scans(tmp_path: Path) -> 
         ({"points_mm": np.zeros((3, 2)), "readings": np.zeros((2, 2))}, r"are \(3, 2\) and \(2, 2\)"),
         ({"points_mm": np.zeros((3, 2), complex), "readings": np.zeros((3, 2))}, "complex positions"),
         ({"x_mm": np.zeros(2), "y_mm": np.zeros(2), "shapes": np.zeros((1, 3, 2))}, "the axes need"),
+        (swept_scan(np.eye(3)), "frequency_hz, q_factor, gain_um_per_v_s"),
+        (swept_scan(np.full((2, 2), np.nan)), "all finite"),
+        (swept_scan(np.eye(2), q_factor=0.0), "all finite"),
     ],
 )
 def test_arrays_that_are_no_scan_are_refused(tmp_path: Path, arrays: dict[str, np.ndarray], sentence: str) -> None:
