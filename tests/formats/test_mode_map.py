@@ -214,12 +214,13 @@ def test_every_form_of_a_scan_gives_the_same_readings(tmp_path: Path) -> None:
     readings = random.standard_normal((50, 2)) + 1j * random.standard_normal((50, 2))
     readings[3, 1] = np.nan
     swept = {"frequency_hz": np.ones(2), "q_factor": np.ones(2), "gain_um_per_v_s": np.eye(2)}
-    np.savez(tmp_path / "scan.npz", points_mm=points_mm, readings=readings, **swept)
+    np.savez(tmp_path / "not_swept.npz", points_mm=points_mm, readings=readings)
+    np.savez(tmp_path / "scan.npz", points_mm=points_mm, readings=readings, **swept)  # type: ignore[arg-type]
     forms: dict[str, Callable[[complex], tuple[float, float]]] = {
         "re_1,im_1,re_2,im_2": lambda w: (w.real, w.imag),
         "abs_1,deg_1,abs_2,deg_2": lambda w: (abs(w), float(np.degrees(np.angle(w)))),
     }
-    scans = [read_scan(tmp_path / "scan.npz")]
+    scans = [read_scan(tmp_path / "scan.npz"), read_scan(tmp_path / "not_swept.npz")]
     assert scans[0].swept is not None
     assert scans[0].swept.gain_um_per_v_s.tolist() == [[1.0, 0.0], [0.0, 1.0]]
     for columns, parts in forms.items():
