@@ -262,6 +262,7 @@ def test_a_pad_whose_size_is_known_only_when_it_is_opened_is_decoded_by_that_siz
 @pytest.mark.parametrize("pad", [*PADS.values(), OPENED], ids=lambda pad: pad.model)
 def test_a_pad_is_itself_again_from_its_fields(pad: Pad) -> None:
     assert from_fields(json.loads(json.dumps(to_fields(pad)))) == pad
+    assert pad is OPENED or from_fields({"model": pad.model}) is pad
 
 
 @pytest.mark.parametrize(

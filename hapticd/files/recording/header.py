@@ -17,6 +17,7 @@ from ...config.sections import Config
 from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...errors import ConfigError, HapticdError, RecordingError
 from ...formats.toml_file import MAX_BYTES, parse
+from ...values import AffineMap
 from ...wire.trackpad import Pad, from_fields, to_fields
 from .kinds import Fields
 
@@ -98,17 +99,17 @@ def header_from(fields: Fields) -> Header:
         text = _typed(fields, "config_toml", str)
         if len(text) > MAX_BYTES:
             raise ValueError("no configuration is so long")
-        known = config.known_keys(parse(text, "configuration"))
-        settings = config.from_table(known, where="configuration", folder=None)
+        settings = config.from_table(_known(parse(text, "configuration")), where="configuration", folder=None)
         modes = _modes(fields["modes_float64_le"])
         if len(settings.limits.w_limit_um) != modes.M:
             raise ValueError("limits and modes differ in number")
-        drive_hz = fields["calibrated_drive_hz"]  # None of a calibration without one
+        drive_hz = fields.get("calibrated_drive_hz")  # None of a calibration without one, and in earlier recordings
         if not (drive_hz is None or (type(drive_hz) is float and math.isfinite(drive_hz))):
             raise ValueError("calibrated_drive_hz")
         return Header(
             **{name: _typed(fields, name, kind) for name, kind in _SCALARS.items()},
-            pad=from_fields(_typed(fields, "pad", dict)),
+            # Of the pad, earlier recordings have the model alone.
+            pad=from_fields(_typed({"pad": {"model": fields.get("trackpad_model")}} | fields, "pad", dict)),
             config=settings,
             modes=modes,
             calibration=BoardCalibration(
@@ -122,6 +123,15 @@ def header_from(fields: Fields) -> Header:
         raise RecordingError(f"The recording's header is not readable: {error}") from None
     except (HapticdError, ValueError, TypeError, LookupError, RecursionError):
         raise RecordingError("The recording's header is not readable: it is damaged, or not hapticd's.") from None
+
+
+def _known(table: dict[str, Any]) -> dict[str, Any]:
+    """Return the keys that this hapticd has, of those that it has not the pad's rotation and scale as its matrix."""
+    known, pad = config.known_keys(table), table.get("trackpad", {})
+    if "rotation_deg" in pad and not pad["matrix"]:
+        placed = AffineMap.from_placement((0.0, 0.0), pad["rotation_deg"], pad["scale"])
+        known["trackpad"]["matrix"] = [placed.xx, placed.xy, placed.yx, placed.yy]
+    return known
 
 
 def _typed(table: Any, name: str, kind: type) -> Any:

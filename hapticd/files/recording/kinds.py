@@ -150,9 +150,11 @@ def _trackpad_link(is_up: bool, reason: str, pad: Pad | None) -> Fields:
 
 
 def pad_of(link: Fields) -> Pad | None:
-    """Return the pad of a `trackpad_link`, None without one. Raises RecordingError."""
+    """Return the pad of a `trackpad_link`, None without one; earlier ones name its model. Raises RecordingError."""
+    if "pad" not in link and "model" not in link:
+        return None
     try:
-        return from_fields(link["pad"]) if "pad" in link else None
+        return from_fields(link.get("pad", link))
     except ValueError as error:
         raise RecordingError(f"The recording's trackpad cannot be read: {error}.") from None
 
@@ -201,7 +203,7 @@ def _marker(client: str, text: str, values: Mapping[str, object]) -> Fields:
 def _status(status: BoardStatus) -> Fields:
     return {
         **{name: getattr(status, name) for name in _COUNTERS},
-        **{f"is_{name}": getattr(status, name) for name in _FLAGS},
+        **{f"is_{name}": getattr(status, name) for name in (*_FLAGS, "pulsed")},
         "state": status.state.name,
         "measured_um": amplitudes(status.measured_um),
         "voltage_v": amplitudes(status.voltage_v),
@@ -232,7 +234,7 @@ _COUNTERS = (
     *("t_board_us", "seq", "t_received_us", "t_applied_us"),
     *("fault_code", "deadman_trips", "bad_frames", "late_frames"),
 )
-_FLAGS = ("applied", "saturated", "limited", "pulsed")
+_FLAGS = ("applied", "saturated", "limited")
 
 
 # --- the kinds ------------------------------------------------------------------------------------------------------
@@ -269,13 +271,14 @@ _TRUE_FINGER: dict[str, _Form | Maybe] = {
     "plate_q_um": NUMBER,
 }
 _CHANNEL: dict[str, _Form | Maybe] = {"name": TEXT, "unit": TEXT}
-_MESSAGE: dict[str, _Form | Maybe] = {"payload": BYTES, "user": TEXT, "waited_ns": WHOLE}
+# `waited_ns` is missing in earlier recordings.
+_MESSAGE: dict[str, _Form | Maybe] = {"payload": BYTES, "user": TEXT, "waited_ns": Maybe(WHOLE)}
 
 _POINT_FORM: dict[str, _Form | Maybe] = {
     "finger_id": Maybe(WHOLE),
     "virtual": Maybe(TEXT),
     **dict.fromkeys(_POINT, NUMBER),
-    **{name: Maybe(BOOL if name == MISSES else NUMBER) for name in PERCEIVED},  # of a pass with a reader
+    **{name: Maybe(BOOL if name == MISSES else NUMBER) for name in PERCEIVED},  # missing in earlier recordings
 }
 
 KINDS: dict[str, Kind] = {
@@ -286,7 +289,7 @@ KINDS: dict[str, Kind] = {
     "board_link": _kind("/input/board_link", {"is_up": BOOL, "reason": TEXT}),
     "trackpad_link": _kind(
         "/input/trackpad_link",
-        {"is_up": BOOL, "reason": TEXT, "pad": Maybe(_PAD)},
+        {"is_up": BOOL, "reason": TEXT, "model": Maybe(TEXT), "pad": Maybe(_PAD)},
         _trackpad_link,
     ),
     "targets": _kind("/input/targets", _MESSAGE, _message),
@@ -321,6 +324,7 @@ KINDS: dict[str, Kind] = {
         {
             **dict.fromkeys(_COUNTERS, WHOLE),
             **{f"is_{name}": BOOL for name in _FLAGS},
+            "is_pulsed": Maybe(BOOL),  # missing in earlier recordings
             "state": TEXT,
             "measured_um": AMPLITUDES,
             "voltage_v": AMPLITUDES,

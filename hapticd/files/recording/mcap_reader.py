@@ -1,7 +1,7 @@
 """Reads recordings: whatever the bytes, records or RecordingError, in memory and time that the file's size bounds.
 
 Without the index at the end: what a killed writer left is read up to its last whole chunk, and a chunk with a wrong
-checksum is lost alone.
+checksum is lost alone. Earlier recordings have copies of their header, any of which will do.
 """
 
 from __future__ import annotations
@@ -102,14 +102,19 @@ class Recording:
             def has_read(share: float, done: int = place) -> None:
                 self.progress((done + share) / len(self.paths))
 
+            is_first = True
             for kind, message in _messages(path, losses, has_read):
                 seq = message.sequence
                 if kind == HEADER:
+                    if not is_first:
+                        continue
+                    is_first = False
                     if seq < expected and seq != 0:
                         raise RecordingError(f"{path}: comes before the other: give the files in their order.")
                     losses.note_gap(expected, seq)
                     expected = max(expected, seq)
                     continue
+                is_first = False
                 losses.note_gap(expected, seq)
                 expected = seq + 1
                 if kind is None:  # a newer hapticd's

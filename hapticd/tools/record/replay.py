@@ -134,8 +134,10 @@ def feed(machine: Machine, record: Record) -> None:
                 machine.trackpad_link(fields["is_up"], fields["reason"], t_ns, pad=pad_of(fields))
             case "watched":
                 machine.watch(_discard if fields["is_watched"] else None, t_ns)
-            case "targets" | "request":
-                getattr(machine, record.kind)(fields["payload"], t_ns, fields["user"], fields["waited_ns"])
+            case "targets":
+                machine.targets(fields["payload"], t_ns, fields["user"], fields.get("waited_ns", 0))
+            case "request":
+                machine.request(fields["payload"], t_ns, fields["user"], fields.get("waited_ns", 0))
             case kind:  # of all others the fields are in the order of the arguments
                 getattr(machine, kind)(*(fields[name] for name in KINDS[kind].form), t_ns)
     except Exception as error:  # made-up instants and figures fail in any way that arithmetic can

@@ -22,7 +22,7 @@ Column = npt.NDArray[Any]
 _STATUS = {name: form for name, form in KINDS["status"].form.items() if isinstance(form, str)}
 _NUMBERS, _WHOLES, _TRUTHS = np.float64, np.int64, np.bool_
 _TRUE = ("x_mm", "y_mm", "target_um", "plate_d_um", "plate_q_um")
-_PRESSED = ("pressure_frac", "major_mm", "minor_mm", "angle_rad")  # by the pad
+_PRESSED = ("pressure_frac", "major_mm", "minor_mm", "angle_rad")  # by the pad; of earlier recordings in part
 _TEXTS = np.object_  # of any length: one long message must not make all others as long
 
 

@@ -25,13 +25,18 @@ _MOST_NS = 1_000_000_000
 _OF_CONTACTS = ("pressure_max_raw", "quarter_turn_raw")  # of files, where a pad has them
 
 
+def known(model: str) -> Pad:
+    """Return a pad by its model. Raises ValueError."""
+    if model not in PADS:
+        raise ValueError(f"unknown trackpad model {model!r}: use one of {', '.join(PADS)}")
+    return PADS[model]
+
+
 class Decoder(ReportDecoder):
     """Decoder of the reports of one trackpad. Raises ValueError for an unknown model; a `Pad` need not be known."""
 
     def __init__(self, model: str | Pad, plate_from_pad: AffineMap = _CENTRED) -> None:
-        if isinstance(model, str) and model not in PADS:
-            raise ValueError(f"unknown trackpad model {model!r}: use one of {', '.join(PADS)}")
-        pad = PADS[model] if isinstance(model, str) else model
+        pad = known(model) if isinstance(model, str) else model
         super().__init__(pad, LAYOUTS[pad.layout](pad.geometry, plate_from_pad))
 
 
@@ -49,11 +54,13 @@ def to_fields(pad: Pad) -> dict[str, object]:
 
 
 def from_fields(fields: Mapping[str, object]) -> Pad:
-    """The inverse of `to_fields`. Raises ValueError."""
+    """The inverse of `to_fields`; earlier recordings have a model alone, which must be known. Raises ValueError."""
     model = fields.get("model")
     if not isinstance(model, str) or len(model) > _MOST_TEXT:
         raise ValueError(f"a pad must have a model, such as {', '.join(PADS)}")
-    layout, period_ns = fields.get("layout"), fields.get("period_ns")
+    if "layout" not in fields:
+        return known(model)
+    layout, period_ns = fields["layout"], fields.get("period_ns")
     if not isinstance(layout, str) or layout not in LAYOUTS:
         raise ValueError(f"unknown layout of reports: use one of {', '.join(LAYOUTS)}")
     if type(period_ns) is not int or not 0 < period_ns <= _MOST_NS:

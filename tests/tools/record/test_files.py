@@ -42,10 +42,11 @@ from hapticd.files.recording.kinds import (
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.sim.plate.ground_truth import GroundTruth
-from hapticd.wire.trackpad import DEFAULT_PAD, PADS, to_fields
+from hapticd.wire.trackpad import DEFAULT_PAD, PADS
 
 from .conftest import written
 
+DATA = Path(__file__).parents[2] / "data"
 CHUNKS, IN_EACH = 5, 7  # of the small file
 CHUNK_HEAD_BYTES = 9 + 40  # of an uncompressed chunk
 
@@ -143,6 +144,13 @@ def test_a_recording_is_read_however_its_chunks_are_compressed(
     assert list(open_recording(path).records()) == list(recording.records())
 
 
+def test_an_uncompressed_recording_of_an_earlier_hapticd_is_read() -> None:
+    recording = open_recording(DATA / "recording-uncompressed.mcap")
+    assert [record.fields["text"] for record in recording.records()] == ["x" * seq for seq in range(35)]
+    assert not recording.losses.any
+    assert recording.losses.skipped_bytes == 0
+
+
 def test_a_chunk_that_claims_to_unpack_to_too_much_is_damaged(tmp_path: Path) -> None:
     zeros = bytes(1 << 23)
     packed = zstandard.compress(zeros)
@@ -232,11 +240,19 @@ def test_the_header_is_read_back_to_the_last_bit(header: Header) -> None:
         assert getattr(again.parasitic_modes, name) == getattr(known, name)
 
 
-def test_a_link_names_its_pad_or_none() -> None:
-    assert pad_of({"is_up": True, "reason": "here", "pad": to_fields(PADS["mt1"])}) == PADS["mt1"]
+def test_an_earlier_recording_names_the_model_of_its_pad(header: Header) -> None:
+    fields = header_fields(header)
+    del fields["pad"]
+    assert header_from(fields | {"trackpad_model": "mt1"}).pad is PADS["mt1"]
+    gone = "rotation_deg = 90.0\nscale = [1.01, 0.99]\nmatrix = []\nsilence_ms = 40.0\n[gone]\nx = 1\n"
+    turned = header_from(fields | {"trackpad_model": "mt1", "config_toml": f"[trackpad]\n{gone}"}).config.trackpad
+    assert turned.matrix == pytest.approx((0.0, -0.99, 1.01, 0.0))
+    with pytest.raises(RecordingError):
+        header_from(fields | {"trackpad_model": "mt9"})
+    assert pad_of({"is_up": True, "reason": "here", "model": "mt1"}) is PADS["mt1"]
     assert pad_of({"is_up": False, "reason": "gone"}) is None
-    with pytest.raises(RecordingError, match=r"layout of reports: use one of .*\.$"):
-        pad_of({"is_up": True, "reason": "here", "pad": {"model": "mt9"}})
+    with pytest.raises(RecordingError, match=r"'mt9': use one of .*\.$"):
+        pad_of({"is_up": True, "reason": "here", "model": "mt9"})
 
 
 @pytest.mark.parametrize(

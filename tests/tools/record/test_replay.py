@@ -26,7 +26,6 @@ from hapticd.sim.settings import Settings
 from hapticd.tools.record import simulated
 from hapticd.tools.record.replay import replay, report
 from hapticd.wire.client import decode_targets, encode_targets
-from hapticd.wire.trackpad import DEFAULT_PAD, to_fields
 from hapticd_contract.targets import ClientTargets
 
 from .conftest import rewritten, written
@@ -138,10 +137,8 @@ def test_a_recording_cut_anywhere_is_identical_as_far_as_it_goes(tmp_path: Path,
 
 
 def test_an_input_that_no_daemon_can_have_received_is_one_sentence(tmp_path: Path, strokes: Path) -> None:
-    pad = to_fields(DEFAULT_PAD) | {"layout": "mt9"}
-
     def another_pad(record: Record) -> Record:
-        return record._replace(fields=record.fields | {"pad": pad}) if record.kind == "trackpad_link" else record
+        return record._replace(fields=record.fields | {"model": "mt9"}) if record.kind == "trackpad_link" else record
 
     recording = open_recording(rewritten(strokes, tmp_path / "pad.mcap", another_pad))
 
