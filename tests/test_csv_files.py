@@ -17,7 +17,7 @@ FINGERS = "t_s,finger,x_mm,y_mm,target_um\n0,1,-5,0,1\n0.5,1,,,\n1,1,7,2,0.5\n"
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "modes": (
         "x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y}.5\n" for x in range(4) for y in range(4)),
-        lambda path: [array.tolist() for array in read_scan(path)],
+        lambda path: np.column_stack(read_scan(path)[:2]).tolist(),
     ),
     "friction": (
         "amplitude_um,friction\n0,0.8\n1,0.5\n2,0.2\n",
