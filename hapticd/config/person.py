@@ -5,11 +5,10 @@ The file has the friction of a configuration's `[plate]`, and in `[person]` name
 
 from __future__ import annotations
 
-import datetime
 import re
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
-from typing import NamedTuple
 
 from ..errors import ConfigError
 from ..formats.toml_file import read_table
@@ -21,19 +20,6 @@ FILE = "hapticd.toml"
 SECTION = "person"
 
 
-class Person(NamedTuple):
-    """A plate with the person's friction, and the date of that; empty if the file has none."""
-
-    plate: PlateConfig
-    date: str
-
-    def aged(self, today: datetime.date) -> str:
-        """Return a sentence if the curve is of another day than today; empty otherwise."""
-        if self.date in ("", today.isoformat()):
-            return ""
-        return f"This friction curve is of {self.date}, and skin changes from day to day: measure it again."
-
-
 def folder_of(calibration: Path, name: str) -> Path:
     """Return a participant's folder. Raises ConfigError for what is no name."""
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name):
@@ -41,16 +27,17 @@ def folder_of(calibration: Path, name: str) -> Path:
     return calibration / "participants" / name
 
 
-def find(name: str, plate: PlateConfig) -> Person:
-    """Return a participant of a plate, whose folder is beside the plate's mode map. Raises ConfigError."""
+def find(name: str, plate: PlateConfig) -> tuple[PlateConfig, str]:
+    """Return what `load` does for a participant, whose folder is beside the plate's mode map. Raises ConfigError."""
     path = folder_of(Path(plate.modes_file).parent if plate.modes_file else CALIBRATION, name) / FILE
     if not path.is_file():
         raise ConfigError(f"There is no file {path}: `hapticd calibrate person --participant {name}` makes it.")
     return load(path, plate)
 
 
-def load(path: Path, plate: PlateConfig) -> Person:
-    """Return this plate with the friction curve of a file, and its speed if that was measured. Raises ConfigError."""
+def load(path: Path, plate: PlateConfig) -> tuple[PlateConfig, str]:
+    """Return this plate with the friction curve of a file, and its speed if that was measured; and a sentence if the
+    curve is of another day than today, else none. Raises ConfigError."""
     table = read_table(path, "check the path")
     about = table.pop(SECTION, {})
     own = loader.from_table(table, where=str(path), folder=None).plate
@@ -62,4 +49,6 @@ def load(path: Path, plate: PlateConfig) -> Person:
         friction_floor_frac=own.friction_floor_frac,
         friction_speed_mm_s=own.friction_speed_mm_s or plate.friction_speed_mm_s,
     )
-    return Person(felt, str(about.get("date", "")))
+    today = date.today().isoformat()
+    day = about.get("date", today)
+    return felt, "" if day == today else f"{path} is of {day}, and skin changes from day to day: measure it again."

@@ -14,7 +14,6 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Sequence
-from datetime import date
 from pathlib import Path
 
 from ..board_values import UNCALIBRATED, BoardCalibration
@@ -144,10 +143,7 @@ class Daemon:
     def _find_person(self, name: str) -> tuple[PlateConfig, str]:
         """Return the plate for a participant, whose file of 1 KB is read within the loop, and a sentence if it is old;
         for no name that of the configuration. Raises ConfigError."""
-        if not name:
-            return self._config.plate, ""
-        found = find(name, self._config.plate)
-        return found.plate, found.aged(date.today())
+        return find(name, self._config.plate) if name else (self._config.plate, "")
 
     def _inputs(self) -> dict[str, object]:
         trackpad = {**self._trackpad.counters, "reports_left_out": self._reports_left_out}

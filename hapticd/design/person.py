@@ -23,8 +23,7 @@ REFERENCE_SIGMA, LEANING_SIGMA = 0.05, 0.03  # of the logarithm of friction
 USUAL_DECAY_UM, DECAY_SIGMA = 0.7, 0.25  # of persons, and of its logarithm
 USUAL_WEBER, WEBER_SIGMA = 0.11, 0.5
 SIGMAS: Final = 1.96  # of the interval: 95 %
-LOGISTIC: Final = 1.702  # its slope nearest to the normal's
-NOISE_PER_WEBER: Final = 1.0 / 0.6745  # a normal deviate is below it in three of four cases
+SLOPE: Final = math.log(3.0)  # of the logistic function that is 3/4 at 1
 ASIDE, LEAST_ASIDE = 0.6, 0.06  # sigmas from the match at which a comparison tells most, and the least, relative
 CHECK_ABOVE: Final = (1, 0, 0, 1, 1, 0, 1, 0, 0, 1)  # in an order that a person does not see through
 CHECK_TRIALS, CHECK_ASIDE, CHECK_MOST = len(CHECK_ABOVE), 0.1, 2  # how far off; answers of one side too many
@@ -61,8 +60,8 @@ def matched(answers: Sequence[Answer], reference: float) -> Match:
     log_share = -0.5 * (np.log(DECAYS_UM / USUAL_DECAY_UM) / DECAY_SIGMA) ** 2
     log_share = log_share - 0.5 * (np.log(WEBERS / USUAL_WEBER) / WEBER_SIGMA) ** 2 + 0.0 * LAPSES
     for amplitude_um, is_slipperier in answers:
-        off = (amplitude_um / DECAYS_UM - steepness) / (NOISE_PER_WEBER * WEBERS)
-        sure = 1.0 / (1.0 + np.exp(-LOGISTIC * (off if is_slipperier else -off)))
+        off = (amplitude_um / DECAYS_UM - steepness) / WEBERS
+        sure = 1.0 / (1.0 + np.exp(-SLOPE * (off if is_slipperier else -off)))
         log_share += np.log(0.5 * LAPSES + (1.0 - LAPSES) * sure + 1e-300)
     share = np.exp(log_share - log_share.max()).sum(axis=(1, 2))
     share /= share.sum()

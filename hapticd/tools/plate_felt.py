@@ -108,7 +108,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
     felt = PlateConfig()
     if options.friction is not None:
-        felt = person.load(options.friction, felt).plate
+        felt, _ = person.load(options.friction, felt)
     task = FeltTask((), curve_um=felt.friction_curve, floor_frac=felt.friction_floor_frac)
     task = replace(
         task,

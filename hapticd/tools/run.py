@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 from types import ModuleType
 from typing import cast
@@ -59,9 +58,9 @@ def _configuration(options: argparse.Namespace) -> Config:
     """Return the same with --friction and the fingers of --scenario. Raises ConfigError, UsageError."""
     loaded = configuration(options)
     if options.friction is not None:
-        own = person.load(options.friction, loaded.plate)
-        loaded = replace(loaded, plate=own.plate)
-        if note := own.aged(date.today()):
+        plate, note = person.load(options.friction, loaded.plate)
+        loaded = replace(loaded, plate=plate)
+        if note:
             log.warning("%s", note)
     is_simulated = loaded.trackpad.source == SIMULATED
     return replace(loaded, sim=simulated_fingers.chosen(options, loaded.sim, is_simulated=is_simulated))

@@ -212,7 +212,7 @@ def test_the_friction_of_another_file_takes_the_place_of_the_plates(tmp_path: Pa
     own = tmp_path / "P03.toml"
 
     def taken() -> PlateConfig:
-        return person.load(own, configured.plate).plate
+        return person.load(own, configured.plate)[0]
 
     own.write_text("[plate]\nfriction_curve = [0.0, 0.4, 1.5]\nfriction_floor_frac = 0.1\n", encoding="utf-8")
     plate = taken()

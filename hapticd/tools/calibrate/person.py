@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable
 from dataclasses import replace
+from itertools import islice
 from statistics import fmean
 
-from hapticd_client import Client, PlateState
+from hapticd_client import Client
 from hapticd_client import HapticdError as ClientError
 
 from ...design import person as design
@@ -63,17 +63,13 @@ def measured(ask: Ask, options: argparse.Namespace) -> Verdict:
 def verdict(found: Match, options: argparse.Namespace) -> Verdict:
     """Judge a curve."""
     decay_um, _, low_um, high_um = found
-    figures = (
-        Figure("friction falls to 1/e over", decay_um, "um"),  # the first: `--check` reads it
-        Figure("in 95 of 100 persons from", low_um, "um"),
-        Figure("to", high_um, "um"),
-    )
+    names = ("friction falls to 1/e over", "in 95 of 100 persons from", "to")  # the first is read by `--check`
+    figures = tuple(Figure(*one, "um") for one in zip(names, (decay_um, low_um, high_um), strict=True))
     sentence = f"Friction falls to 1/e over {decay_um:.2f} um ({low_um:.2f} .. {high_um:.2f})."
-    is_sure = high_um <= (1.0 + UNSURE_FRAC) * decay_um
-    if not is_sure:
-        sentence += " That is wide: measure again."
+    outcome = Outcome.PASS
+    if high_um > (1.0 + UNSURE_FRAC) * decay_um:
+        outcome, sentence = Outcome.WARN, f"{sentence} That is wide: measure again."
     plate = {"friction_curve": [0.0, FULL_UM], "friction_floor_frac": round(math.exp(-FULL_UM / decay_um), 4)}
-    outcome = Outcome.PASS if is_sure else Outcome.WARN
     return Verdict("person", outcome, sentence, figures, {"plate": plate, **about(options)}, options.sim)
 
 
@@ -81,22 +77,12 @@ def asked(client: Client, amplitude_um: float) -> Answer:
     """Ask the person at the terminal. Raises EOFError at the input's end."""
     client.surface("even", amplitude_um=amplitude_um)
     print("\nStroke the plate ...", flush=True)
-    felt_um = stroked_um(client.states())
+    fingers = ([finger for finger in state.fingers if not finger.virtual] for state in client.states())
+    alone_um = (one[0].contact_um for one in fingers if len(one) == 1)
+    felt_um = fmean(islice((um for um in alone_um if um is not None), STROKED))
     while (key := input("Which is more slippery, plate or reference? [p/r] ").strip().lower()) not in ("p", "r"):
         pass
     return Answer(felt_um, key == "p")
-
-
-def stroked_um(states: Iterable[PlateState]) -> float:
-    """Return the mean amplitude over the contact of the one finger on the plate."""
-    found_um: list[float] = []
-    for state in states:
-        amplitudes_um = [finger.contact_um for finger in state.fingers if not finger.virtual]
-        if len(amplitudes_um) == 1 and amplitudes_um[0] is not None:
-            found_um.append(amplitudes_um[0])
-        if len(found_um) >= STROKED:
-            break
-    return fmean(found_um)
 
 
 def _add_reference(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -34,15 +34,16 @@ def test_comparisons_and_a_force_sensor_give_the_same_file_and_agree(tmp_path: P
     for arguments in (compared, ("friction", "--readings", str(file), "--finger", "left thumb")):
         (results / "person.json").unlink(missing_ok=True)  # of the simulated plate, which is kept apart
         assert main(["calibrate", *arguments, "--participant", "anna", "--out", str(tmp_path)]) == 0
-        found = participants.find("anna", plate)
-        curve = friction_curve(Config(plate=found.plate))
+        found, note = participants.find("anna", plate)
+        assert note == ""
+        curve = friction_curve(Config(plate=found))
         for um in (0.25, 0.5, 1.0):
             assert curve.friction(um) == pytest.approx(true.friction(um), rel=0.1)
-    assert 'finger = "left thumb"' in (results / participants.FILE).read_text()
-    assert found.plate.friction_speed_mm_s == 40.0  # of the plate: none was measured
-    today = datetime.date.today()
-    assert found.aged(today) == ""
-    assert "measure it again" in found.aged(today + datetime.timedelta(days=1))
+    assert found.friction_speed_mm_s == 40.0  # of the plate: none was measured
+    written = (results / participants.FILE).read_text()
+    assert 'finger = "left thumb"' in written
+    (results / participants.FILE).write_text(re.sub(r'date = "[\d-]+"', 'date = "2026-01-02"', written))
+    assert "is of 2026-01-02" in participants.find("anna", plate)[1]
 
 
 def test_the_person_at_the_terminal_strokes_an_even_plate_and_a_check_keeps_the_curve(
@@ -80,7 +81,7 @@ def test_the_person_at_the_terminal_strokes_an_even_plate_and_a_check_keeps_the_
     monkeypatch.setattr("builtins.input", answer)
     assert call() == 0
     file = participants.folder_of(tmp_path, "anna") / participants.FILE
-    curve = friction_curve(Config(plate=participants.load(file, PlateConfig()).plate))
+    curve = friction_curve(Config(plate=participants.load(file, PlateConfig())[0]))
     assert curve.friction(1.0) == pytest.approx(observer.curve.friction(1.0), rel=0.1)
     assert laid_um[-1] == 0.0
     written = file.read_text()
