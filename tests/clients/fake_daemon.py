@@ -43,6 +43,8 @@ class FakeDaemon:
         self.overtaken = 0
         self.stamps: list[int | None] = []
         self.reach = (0.25, 0.75)
+        self.persons: dict[str | None, str] = {None: "", "anna": "It is old."}
+        self.person: str | None = None
         self.optional = Capabilities().optional
         self.refusals: list[str] = []
         self.released: list[int | str] = []
@@ -128,6 +130,11 @@ class FakeDaemon:
             case requests.AssetRequest(body=one):
                 have = self.scene.upload(one.client, one.asset, one.size, one.offset or 0, one.part or b"", t_ns)
                 return Have(have)
+            case requests.PersonRequest(body=person):
+                if person.name not in self.persons:
+                    raise RequestError(f"There is no {person.name}.")
+                self.person = person.name
+                return {"note": self.persons[person.name]}
             case requests.ReachRequest(body=query):
                 return Reach(self.reach if query.finger in (None, *self.fingers) else None)
             case requests.HelloRequest():

@@ -423,3 +423,16 @@ def test_the_reach_is_that_of_a_finger_or_of_a_place(daemon: FakeDaemon, client:
     for wrong in ({}, {"x_mm": 1.0}, {"finger": 1, "x_mm": 1.0, "y_mm": 2.0}, {"x_mm": math.nan, "y_mm": 0.0}):
         with pytest.raises(RefusedError):
             client.reach(**wrong)
+
+
+def test_a_person_is_named_for_the_plate_and_an_unknown_one_leaves_no_client(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory) as client:
+        with pytest.warns(UserWarning, match=r"It is old\."):
+            client.person("anna")
+        with pytest.raises(RefusedError, match="There is no bob"):
+            client.person("bob")
+        assert daemon.person == "anna"
+        client.person(None)
+        assert daemon.person is None
+    with pytest.raises(RefusedError, match="There is no bob"):
+        Client(daemon.directory, person="bob")
