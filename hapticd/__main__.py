@@ -70,7 +70,7 @@ COMMANDS = {
     "plate": Command(
         "tools.plate",
         "design a plate: pairs of modes near a frequency, their shapes, and where to glue it; map what it can do",
-        "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
+        "--size 137.5x137.5 --material glass --near 28200 --plot plate.png",
     ),
     "record": Command(
         "tools.record.commands",

@@ -205,7 +205,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
         ({"pylsl"}, ("tools/record/inlets",)),
         ({"lz4", "mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaigns",)),
-        ({"scipy"}, ("bench", "tools/calibrate")),
+        ({"scipy"}, ("bench", "design/section", "design/glued_plate", "tools/calibrate")),
         ({"evdev"}, ("io/devices/input_nodes",)),
         ({"pythonosc"}, ("wire/osc",)),
         ({"hapticd_study"}, ("tools/study",)),

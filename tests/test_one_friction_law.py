@@ -58,7 +58,7 @@ def test_friction_as_asked_is_that_of_the_curve() -> None:
     ]
     assert got[0] == pytest.approx(got[1], abs=0.01)
     others = felt(np.array(PLACES_MM)[None], padded(solved_um(CURVE, 1.0)), TRUTH.shapes, CURVE)
-    assert np.abs(others[1] - got[0]).max() > 0.1  # twice as much is asked there
+    assert np.abs(others[1] - got[0]).max() > 0.05  # twice as much is asked there
 
 
 def padded(modal_um: np.ndarray) -> np.ndarray:

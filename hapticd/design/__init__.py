@@ -2,7 +2,8 @@
 
 from .cartography import CartographyFit, fit_cartography, fit_scan
 from .free_fit import nearest_free_modes
-from .free_plate import ModeShape, free_plate_modes
+from .glued_plate import free_plate_modes, plate_modes
+from .mode_shape import ModeShape
 from .pose import Pose
 from .scan import sample_cartography, sample_scan
 
@@ -14,6 +15,7 @@ __all__ = [
     "fit_scan",
     "free_plate_modes",
     "nearest_free_modes",
+    "plate_modes",
     "sample_cartography",
     "sample_scan",
 ]

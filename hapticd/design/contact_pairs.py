@@ -11,7 +11,7 @@ import numpy as np
 from hapticd.core.plate.bicubic import BicubicSurfaces
 from hapticd.values import FloatArray
 
-from .free_plate import ModeShape
+from .mode_shape import ModeShape
 
 APART_MM = 20.0  # of two fingertips side by side
 EDGE_MM = 10.0  # from a finger's centre to the plate's edge

@@ -29,7 +29,6 @@ from ..values import FloatArray
 from .campaign import TaskRunner, one_by_one
 from .contact_pairs import ShapeMaps, surfaces
 from .felt_places import ENOUGH_JND, PlateTouches, settle_felt, touches
-from .free_plate import ModeShape
 from .glued_plate import PZT, GluedPlate, Patch
 from .mode_choice import (
     FINGER_KG_S,
@@ -44,6 +43,7 @@ from .mode_choice import (
     least_volts_hz,
     limited,
 )
+from .mode_shape import ModeShape
 from .patch_places import along_edges, couplings, overlapping, places_for_reach
 from .patch_reach import PatchDrive, UndrivenError, patch_drive
 
@@ -200,7 +200,7 @@ class GluedModes:
     def near(self, found: PlateTouches, patches: Sequence[Patch]) -> NearModes:
         """Return what these patches do to all modes."""
         plate = self.plate
-        driven = patch_drive(plate.thickness_mm, plate.material, patches, self.modes, self.task.q_factor)
+        driven = patch_drive(plate.thickness_mm, patches, self.modes, self.task.q_factor)
         mass_kg = math.prod(plate.size_mm) * plate.thickness_mm * plate.material.density_kg_m3 * 1e-9
         return NearModes(driven, found, FINGER_KG_S / mass_kg)
 
@@ -327,8 +327,7 @@ def judge_best(plate: GluedPlate, drive_hz: tuple[float, float], count: int, tas
 
 
 def judge_within(design: FeltDesign, task: FeltTask, around_hz: float) -> FeltDesign:
-    """Return the design with all modes within `around_hz` of its drive known: the basis of Ritz's method follows from
-    the band, and moves modes by some Hz."""
+    """Return the design with all modes within `around_hz` of its drive known."""
     drive_hz = design.drive_hz
     glued = GluedModes(design.plate, (drive_hz, drive_hz), task, JUDGE_PLACES, around_hz)
     count = len(design.modes)
@@ -355,8 +354,10 @@ def place(
         kept = random.permutation(len(candidates_mm))[: len(candidates_mm) // 2]
         candidates_mm, sizes_mm = candidates_mm[kept], sizes_mm[kept]
     stiffness_1_s = np.hypot(math.pi * frequency_hz / task.q_factor, 2.0 * math.pi * (frequency_hz - middle_hz))
-    mass = np.array([float(np.sum(shape.coefficients**2)) for shape in shapes])
-    moved = couplings(shapes, candidates_mm, sizes_mm) / (mass * frequency_hz * stiffness_1_s)[:, None]
+    mass_kg = np.array([shape.mass_kg for shape in shapes])
+    height_mm = (plate.thickness_mm + kit[2]) / 2.0
+    stretch = couplings(shapes, candidates_mm, sizes_mm, height_mm)
+    moved = stretch / (mass_kg * frequency_hz * stiffness_1_s)[:, None]
     chosen = places_for_reach(moved / np.abs(moved).max(), overlapping(candidates_mm, sizes_mm))
     return tuple(
         Patch(x_mm, y_mm, (width_mm, depth_mm), kit[2], PZT)

@@ -27,9 +27,9 @@ from ..values import FloatArray
 from .campaign import TaskRunner, one_by_one
 from .cartography import fit_scan
 from .felt_search import FeltDesign, GluedModes
-from .free_plate import ModeShape
 from .glued_plate import GluedPlate, Patch
 from .mode_choice import FeltTask
+from .mode_shape import ModeShape
 from .scan import sample_scan
 
 # Largest errors, each uniformly distributed: a cut by a glass shop, a batch's modulus, float glass (EN 572-2), the

@@ -1,7 +1,7 @@
 """Fit of a scan by a sum of free-plate modes: a dozen parameters instead of a hundred.
 
-A mode of the real plate is a mixture of the theory's modes of nearly the same frequency. Material and thickness only
-scale the frequencies, so the modes are selected by wave number; of the material only Poisson's ratio matters. Such
+A mode of the real plate is a mixture of the theory's modes of nearly the same frequency. Material and thickness mostly
+scale the frequencies, so the modes are selected by wave number. Such
 modes also determine the scan's pose on the plate. `cartography` compares the prediction error with that of the
 smoothing fit, which needs no free, flat and homogeneous plate.
 """
@@ -9,7 +9,6 @@ smoothing fit, which needs no free, flat and homogeneous plate.
 from __future__ import annotations
 
 import math
-import re
 from typing import NamedTuple
 
 import numpy as np
@@ -18,24 +17,26 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.values import FloatArray
 
 from . import legendre
-from .free_plate import free_modes, wave_speed_m2_s
+from .glued_plate import GluedPlate
 from .materials import MATERIALS
 from .pose import NOMINAL, Pose, find_pose
+from .section import wave_hz
 from .smoothing import Order, Smoothed
 
 _EXACT = 1e-20  # share of the data's square: a smaller misfit is rounding, which no pose explains
+_MIXED_FRAC = 0.01  # of the frequency: modes that are nearer to each other mix
 BAND_FRAC = 0.08  # of the frequency: covers modes that the real plate mixes in, and the error of the wave number
 
-# Frequencies of these only label the modes: any thin plate of the same Poisson's ratio has the same shapes.
+# Frequencies of these only label the modes: a plate of another thickness has nearly the same shapes.
 _THICKNESS_MM, _MATERIAL = 2.0, MATERIALS["glass"]
 
 
 def nearest_free_modes(
     modes: ModeShapes, wavelength_mm: float, size_mm: tuple[float, float]
 ) -> tuple[tuple[str, float], ...]:
-    """Return for each mode the most similar free-plate mode near its wavelength: name and squared correlation over the
-    map, 1 for the same shape, or for any mixture with the same mode turned, as patches make them on a square plate. ()
-    where theory has none.
+    """Return for each mode the most similar free-plate mode near its wavelength: its name, and the squared correlation
+    over the map with the best mixture of it and its neighbours in frequency, which patches, supports and tolerances
+    mix. () where theory has none.
 
     Source of the measure: R. J. Allemang and D. L. Brown, Proc. 1st Int. Modal Analysis Conf. (1982) 110.
     """
@@ -47,17 +48,13 @@ def nearest_free_modes(
         return ()
     points = np.stack(np.meshgrid(modes.x_mm, modes.y_mm), axis=-1).reshape(-1, 2)
     theory, measured = free.at(points), modes.shapes.reshape(modes.M, -1)
-    sizes = np.outer((measured**2).sum(axis=1), (theory**2).sum(axis=0))
-    correlation = (measured @ theory) ** 2 / np.maximum(sizes, np.finfo(float).tiny)
-    turned = [_family(name) if size_mm[0] == size_mm[1] else name for name in free.names]
-    together = correlation @ np.equal.outer(turned, turned)
-    likest = correlation.argmax(axis=1)
-    return tuple((free.names[index], float(row[index])) for index, row in zip(likest, together, strict=True))
-
-
-def _family(name: str) -> str:
-    """Return one name for a mode and the same mode turned, and for their sum and difference: 8x10 of "10x8-8x10"."""
-    return "x".join(sorted(re.split(r"[-+]", name)[0].split("x")))
+    found = []
+    for mode in measured:
+        likest = int(np.argmax((mode @ theory) ** 2 / (theory**2).sum(axis=0)))
+        near = theory[:, np.abs(free.frequencies_hz / free.frequencies_hz[likest] - 1.0) <= _MIXED_FRAC]
+        held = near @ np.linalg.lstsq(near, mode, rcond=None)[0]
+        found.append((free.names[likest], float(held @ held / max(mode @ mode, np.finfo(float).tiny))))
+    return tuple(found)
 
 
 class FreeFit(NamedTuple):
@@ -72,9 +69,9 @@ class FreePlateModes:
     of the frequency. `frequencies_hz` are those of some plate of this size."""
 
     def __init__(self, size_mm: tuple[float, float], wave_rad_mm: float, band_frac: float = BAND_FRAC) -> None:
-        frequency_hz = wave_speed_m2_s(_THICKNESS_MM, _MATERIAL) * (wave_rad_mm * 1e3) ** 2 / (2.0 * math.pi)
+        frequency_hz = wave_hz(wave_rad_mm, _THICKNESS_MM, _MATERIAL)
         band_hz = (frequency_hz * (1.0 - band_frac), frequency_hz * (1.0 + band_frac))
-        found = free_modes(size_mm, _THICKNESS_MM, _MATERIAL, band_hz)
+        found = GluedPlate(size_mm, _THICKNESS_MM, _MATERIAL).modes(band_hz)
         self._half_mm = np.array(size_mm) / 2.0
         self.frequencies_hz = np.array([hz for hz, _ in found])
         self._shapes = [shape for _, shape in found]

@@ -1,27 +1,40 @@
-"""Natural modes of a free plate with patches glued to one face: Ritz's method in the free plate's own modes.
+"""Natural modes of a free rectangular plate, bare or with patches on one face.
 
-A patch adds its mass, and the stiffness of a two-layer section about their common neutral axis (A. W. Leissa, Vibration
-of Plates, NASA SP-160, ch. 10.2, for layers). The basis are the free plate's modes up to BASIS_FRAC of the band's upper
-end. Left out: the glue's own layer and its softness, the patch's rotary inertia and electrical stiffness, and the
-Poisson ratio of the patch, which is taken as the plate's for twisting.
+The energies of `section` are written in tensor products of `line_basis`, with nodes at the edges of plate and patches,
+where strains jump; free edges are natural to the method and need no condition (W. Ritz, Annalen der Physik 333 (1909)
+737). Even and odd functions do not mix on a bare plate, so each of its four symmetry classes is a problem of its own;
+of patches on one face all motion is coupled.
+
+Left out: the glue's own layer and its softness, electrical stiffness, what holds the plate, and damping. Frequencies
+are for finding modes, shapes for simulating them; a real plate is measured.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from ..values import FloatArray
-from . import legendre
-from .free_plate import ModeShape, _class_modes, _degree, _mode_shape, free_modes
+from .line_basis import LineBasis, line_basis
 from .materials import Material
+from .mode_shape import ModeShape, mode_shape
+from .section import ALONG_X, ALONG_Y, DEFLECTION, FIELDS, TURN_X, TURN_Y, Bases, Lamina, mass, stiffness, wave_rad_mm
 
 PZT = Material(62.0, 0.34, 7800.0, "PI Ceramic, PIC255")
-BASIS_FRAC = 2.0
-_GAUSS_POINTS = 12  # per side of a patch, which is shorter than a wave
+BENDING, IN_PLANE = (DEFLECTION, TURN_X, TURN_Y), (ALONG_X, ALONG_Y)
+USUAL_BAND_HZ = (28000.0, 30500.0)
+_PER_RAD = 1.4  # degrees per radian of the shortest wave over half an interval
+_MORE, _MORE_GLUED = 10, 6  # degrees, for an edge's decaying waves: 0.1 Hz at 30 kHz
+_SERIES_MORE = 12  # degrees of the series of a shape with patches, for the bends at their edges
+_MAX_DEGREE = 120
+_BENDING_SHARE = 0.5  # of the kinetic energy in the deflection, at least; modes in the plane have a tenth at most
+_SPARE_MODES = 8  # that are sought beyond the number estimated
+_IMPOSSIBLE = "band_hz reaches waves too short for this plate size; lower its upper end."
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,98 +57,175 @@ class GluedPlate:
     material: Material
     patches: tuple[Patch, ...] = ()
 
-    def modes(self, band_hz: tuple[float, float]) -> list[tuple[float, ModeShape]]:
-        """Return the modes in the band, lowest first. Raises ValueError."""
-        if self.patches:
-            return glued_plate_modes(self.size_mm, self.thickness_mm, self.material, self.patches, band_hz)
-        return free_modes(self.size_mm, self.thickness_mm, self.material, band_hz)
+    def modes(self, band_hz: tuple[float, float], finer: int = 0) -> list[tuple[float, ModeShape]]:
+        """Return the bending modes with frequencies in `band_hz` as (frequency_hz, shape), lowest first.
+
+        `finer` degrees more show what is left of convergence.
+
+        On a square bare plate the modes odd along one axis and even along the other come in pairs of equal frequency:
+        the one odd along x first, then the same turned (x and y exchanged), so that "11x0" is the X mode and "0x11" the
+        Y mode. All other modes of a square plate are single: f(x, y) + f(y, x) and f(x, y) - f(y, x) differ in
+        frequency and are returned as they are, named "12x2+2x12".
+        Raises ValueError for an impossible plate, or a band beyond what the basis resolves.
+        """
+        found = _solved(self, band_hz, FIELDS if self.patches else BENDING, finer)
+        return [(one.hz, mode_shape(self.size_mm, one.fields)) for one in found if one.bending >= _BENDING_SHARE]
+
+    def in_plane_hz(self, band_hz: tuple[float, float]) -> list[float]:
+        """Return the frequencies of the modes in which the plate moves in its plane; a drive keeps away from them."""
+        found = _solved(self, band_hz, FIELDS if self.patches else IN_PLANE)
+        return [one.hz for one in found if one.bending < _BENDING_SHARE]
 
 
-def glued_plate_modes(
-    size_mm: tuple[float, float],
-    thickness_mm: float,
-    material: Material,
-    patches: tuple[Patch, ...],
-    band_hz: tuple[float, float],
+def plate_modes(
+    size_mm: tuple[float, float] = (137.5, 137.5),
+    thickness_mm: float = 2.0,
+    *,
+    patches: Sequence[tuple[float, float, float, float, float]] = (),
+    young_gpa: float = 72.5,
+    poisson: float = 0.22,
+    density_kg_m3: float = 2500.0,
+    band_hz: tuple[float, float] = USUAL_BAND_HZ,
 ) -> list[tuple[float, ModeShape]]:
-    """Return the modes in the band as `free_modes` does. Raises ValueError for a patch off the plate."""
-    for patch in patches:
+    """Return the modes of a plate of these constants, with patches of PZT (x, y, width, depth, thickness in mm) on one
+    face; see `GluedPlate.modes`."""
+    of = Material(young_gpa, poisson, density_kg_m3, "given")
+    glued = tuple(Patch(*patch[:2], patch[2:4], patch[4]) for patch in patches)
+    return GluedPlate((float(size_mm[0]), float(size_mm[1])), thickness_mm, of, glued).modes(band_hz)
+
+
+def free_plate_modes(
+    size_mm: tuple[float, float] = (137.5, 137.5),
+    thickness_mm: float = 2.0,
+    young_gpa: float = 72.5,
+    poisson: float = 0.22,
+    density_kg_m3: float = 2500.0,
+    band_hz: tuple[float, float] = USUAL_BAND_HZ,
+) -> list[tuple[float, ModeShape]]:
+    """Return `plate_modes` of a bare plate."""
+    return plate_modes(
+        size_mm, thickness_mm, young_gpa=young_gpa, poisson=poisson, density_kg_m3=density_kg_m3, band_hz=band_hz
+    )
+
+
+class _Mode(NamedTuple):
+    """A mode of unit modal mass: `fields` (5, nx, ny) as Legendre series, and the deflection's share of the energy."""
+
+    hz: float
+    bending: float
+    fields: FloatArray
+
+
+@lru_cache(maxsize=8)
+def _solved(
+    plate: GluedPlate, band_hz: tuple[float, float], solved: Sequence[int], finer: int = 0
+) -> tuple[_Mode, ...]:
+    _require(plate, band_hz)
+    layers = [Lamina(plate.material, plate.thickness_mm, 0.0, (0.0, 0.0), plate.size_mm)]
+    for patch in plate.patches:
+        height_mm = (plate.thickness_mm + patch.thickness_mm) / 2.0
+        layers.append(Lamina(patch.material, patch.thickness_mm, height_mm, (patch.x_mm, patch.y_mm), patch.size_mm))
+    rad_mm = wave_rad_mm(band_hz[1], plate.thickness_mm, plate.material)
+    lines = []
+    for axis, edge_mm in enumerate(plate.size_mm):
+        sides = [(layer.place_mm[axis], layer.size_mm[axis] / 2.0) for layer in layers]
+        ends_mm = [middle_mm + side * half_mm for middle_mm, half_mm in sides for side in (-1.0, 1.0)]
+        if not _PER_RAD * rad_mm * edge_mm / 2.0 <= _MAX_DEGREE:
+            raise ValueError(_IMPOSSIBLE)
+        lines.append(line_basis(ends_mm, rad_mm * _PER_RAD, (_MORE_GLUED if plate.patches else _MORE) + finer))
+    degrees = [math.ceil(_PER_RAD * rad_mm * edge_mm / 2.0) + _MORE + finer for edge_mm in plate.size_mm]
+    if plate.patches:
+        degrees = [degree + _SERIES_MORE for degree in degrees]
+        found = list(_modes(layers, dict.fromkeys(solved, (lines[0], lines[1])), band_hz, degrees))
+    else:
+        found = _of_classes(layers, (lines[0], lines[1]), solved, band_hz, degrees)
+    return tuple(sorted(found, key=lambda one: one.hz))  # stable: of an equal pair the one odd along x stays first
+
+
+def _of_classes(
+    layers: Sequence[Lamina],
+    lines: tuple[LineBasis, LineBasis],
+    solved: Sequence[int],
+    band_hz: tuple[float, float],
+    degrees: Sequence[int],
+) -> list[_Mode]:
+    """Return a bare plate's modes, class by class; a class is named by the parity of the deflection."""
+    parities = [[line.of_parity(odd) for odd in (0, 1)] for line in lines]
+    turned = [DEFLECTION, TURN_Y, TURN_X, ALONG_Y, ALONG_X]
+    found: list[_Mode] = []
+    for odd_x, odd_y in ((1, 0), (0, 1), (0, 0), (1, 1)):
+        if layers[0].size_mm[0] == layers[0].size_mm[1] and (odd_x, odd_y) == (0, 1):
+            found += [one._replace(fields=one.fields[turned].transpose(0, 2, 1)) for one in found]
+            continue
+        bases = {
+            field: (
+                parities[0][1 - odd_x if field in (TURN_X, ALONG_X) else odd_x],
+                parities[1][1 - odd_y if field in (TURN_Y, ALONG_Y) else odd_y],
+            )
+            for field in solved
+        }
+        found += _modes(layers, bases, band_hz, degrees)
+    return found
+
+
+def _modes(
+    layers: Sequence[Lamina], bases: Bases, band_hz: tuple[float, float], degrees: Sequence[int]
+) -> Iterator[_Mode]:
+    """Yield the modes in the band, by Lanczos iterations on the inverse about its middle."""
+    from scipy.sparse.linalg import LinearOperator, eigsh, splu  # late: see `section`
+
+    stiff, heavy = stiffness(layers, bases), mass(layers, bases)
+    low, high = ((2.0 * math.pi * hz) ** 2 for hz in band_hz)
+    middle = (low + high) / 2.0
+    factors = splu(stiff - middle * heavy, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    inverse = LinearOperator(stiff.shape, factors.solve)
+    most = stiff.shape[0] - 2
+    number = _SPARE_MODES + math.ceil(_estimated(layers[0], band_hz) / (1 if len(bases) == len(FIELDS) else 4))
+    start = np.cos(np.arange(most + 2.0))  # no mode is at a right angle to it
+    while True:
+        number = min(number, most)
+        values, vectors = eigsh(stiff, number, heavy, middle, v0=start, OPinv=inverse, tol=1e-11)
+        if number == most or np.abs(values - middle).max() > high - middle:
+            break
+        number *= 2
+    series = {field: [line.as_series(n) for line, n in zip(of, degrees, strict=True)] for field, of in bases.items()}
+    shapes = {field: (of[0].shape[1], of[1].shape[1]) for field, of in series.items()}
+    ends = np.cumsum([across * along for across, along in shapes.values()])[:-1]
+    for value, vector in zip(values, vectors.T, strict=True):
+        hz = math.sqrt(max(value, 0.0)) / (2.0 * math.pi)
+        if band_hz[0] <= hz <= band_hz[1]:
+            fields = np.zeros((len(FIELDS), degrees[0] + 1, degrees[1] + 1))
+            parts = dict(zip(bases, np.split(vector, ends), strict=True))
+            for field, part in parts.items():
+                fields[field] = series[field][0] @ part.reshape(shapes[field]) @ series[field][1].T
+            moving = np.split(heavy @ vector, ends)[0] @ parts[DEFLECTION] if DEFLECTION in parts else 0.0
+            yield _Mode(hz, float(moving), fields)
+
+
+def _estimated(plate: Lamina, band_hz: tuple[float, float]) -> float:
+    """Return the number of a plate's modes in a band (R. Courant and D. Hilbert, Methods of Mathematical Physics, ch.
+    6.4), those in its plane as a fifth of those that bend it."""
+    low, high = (wave_rad_mm(hz, plate.thickness_mm, plate.material) for hz in band_hz)
+    return 1.2 * plate.size_mm[0] * plate.size_mm[1] * (high**2 - low**2) / (4.0 * math.pi)
+
+
+def _require(plate: GluedPlate, band_hz: tuple[float, float]) -> None:
+    of = plate.material
+    positive = {
+        "size_mm[0]": plate.size_mm[0],
+        "size_mm[1]": plate.size_mm[1],
+        "thickness_mm": plate.thickness_mm,
+        "young_gpa": of.young_gpa,
+        "density_kg_m3": of.density_kg_m3,
+    }
+    for name, value in positive.items():
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name} is {value}; give a positive number.")
+    if not -1.0 < of.poisson <= 0.5:
+        raise ValueError(f"poisson is {of.poisson}; an isotropic solid's lies above -1 and up to 0.5.")
+    if not 0.0 <= band_hz[0] <= band_hz[1] < math.inf:
+        raise ValueError(f"band_hz is {band_hz}; give two frequencies, the lower one first.")
+    for patch in plate.patches:
         reach_mm = abs(patch.x_mm) + patch.size_mm[0] / 2.0, abs(patch.y_mm) + patch.size_mm[1] / 2.0
-        if reach_mm[0] > size_mm[0] / 2.0 + 1e-9 or reach_mm[1] > size_mm[1] / 2.0 + 1e-9:
+        if reach_mm[0] > plate.size_mm[0] / 2.0 + 1e-9 or reach_mm[1] > plate.size_mm[1] / 2.0 + 1e-9:
             raise ValueError(f"the patch at {patch.x_mm:g},{patch.y_mm:g} mm reaches over the plate's edge.")
-    areal_kg_m2 = material.density_kg_m3 * thickness_mm * 1e-3
-    stiffness_nm = _layer_nm(material, thickness_mm, thickness_mm / 2.0, thickness_mm / 2.0)
-    wave_speed = math.sqrt(stiffness_nm / areal_kg_m2)
-    fourth_1_m4, basis = _basis(size_mm, material.poisson, (2.0 * math.pi * BASIS_FRAC * band_hz[1] / wave_speed) ** 2)
-    mass, stiffness = np.eye(len(basis)), np.diag(fourth_1_m4)
-    for patch in patches:
-        added_mass, added_stiffness = _patch_integrals(basis, size_mm, patch, material.poisson)
-        patch_kg_m2 = patch.material.density_kg_m3 * patch.thickness_mm * 1e-3
-        mass += added_mass * (patch_kg_m2 / areal_kg_m2)
-        stiffness += added_stiffness * (_section_nm(material, thickness_mm, patch) / stiffness_nm - 1.0)
-    root = np.linalg.inv(np.linalg.cholesky(mass))
-    values, vectors = np.linalg.eigh(root @ stiffness @ root.T)
-    frequency_hz = np.sqrt(np.maximum(values, 0.0)) * (wave_speed / (2.0 * math.pi))
-    inside = np.flatnonzero((frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1]))
-    shapes = np.einsum("na,nij->aij", root.T @ vectors[:, inside], basis)
-    return [(float(frequency_hz[at]), _mode_shape(size_mm, shape)) for at, shape in zip(inside, shapes, strict=True)]
-
-
-@lru_cache(maxsize=2)  # of the same plate with other patches
-def _basis(size_mm: tuple[float, float], poisson: float, most_1_m4: float) -> tuple[FloatArray, FloatArray]:
-    """Return k^4 (n,) and the coefficients (n, nx, ny) of the free plate's modes up to `most_1_m4`."""
-    wave_rad_m = most_1_m4**0.25
-    degrees = tuple(_degree(wave_rad_m * edge_mm * 5e-4) for edge_mm in size_mm)
-    shift = most_1_m4 + (1e3 / max(size_mm)) ** 4
-    classes = [_class_modes(size_mm, degrees, (odd_x, odd_y), poisson, shift) for odd_x in (0, 1) for odd_y in (0, 1)]
-    kept = [values <= most_1_m4 for values, _ in classes]
-    values = np.concatenate([values[keep] for (values, _), keep in zip(classes, kept, strict=True)])
-    shapes = np.concatenate([shapes[keep] for (_, shapes), keep in zip(classes, kept, strict=True)])
-    return values, shapes
-
-
-def _patch_integrals(
-    basis: FloatArray, size_mm: tuple[float, float], patch: Patch, poisson: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the integrals over a patch of f g, and of the plate's strain energy in f and g, in 1/m^4: (n, n) each."""
-    points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-    sides, per_m, scale = [], [], []
-    for axis, centre_mm in enumerate((patch.x_mm, patch.y_mm)):
-        half_mm = size_mm[axis] / 2.0
-        share = patch.size_mm[axis] / 2.0 / half_mm
-        places = centre_mm / half_mm + share * points
-        sides.append([legendre.values(places, basis.shape[axis + 1] - 1, order) for order in (0, 1, 2)])
-        per_m.append(1e3 / half_mm)
-        scale.append(weights * share)
-    weight = np.outer(*scale).ravel()
-
-    def at(order_x: int, order_y: int) -> FloatArray:
-        values = np.einsum("nij,qi,rj->nqr", basis, sides[0][order_x], sides[1][order_y], optimize=True)
-        return np.asarray(values.reshape(len(basis), -1) * per_m[0] ** order_x * per_m[1] ** order_y)
-
-    f, xx, yy, xy = at(0, 0), at(2, 0), at(0, 2), at(1, 1)
-    both = (xx * weight) @ yy.T
-    energy = (xx * weight) @ xx.T + (yy * weight) @ yy.T + poisson * (both + both.T)
-    return (f * weight) @ f.T, energy + 2.0 * (1.0 - poisson) * (xy * weight) @ xy.T
-
-
-def _section_nm(plate: Material, thickness_mm: float, patch: Patch) -> float:
-    """Return the bending stiffness of plate and patch about their neutral axis."""
-    middles_mm = thickness_mm / 2.0, thickness_mm + patch.thickness_mm / 2.0
-    axis_mm = neutral_axis_mm(plate, thickness_mm, patch)
-    layers = ((plate, thickness_mm, middles_mm[0]), (patch.material, patch.thickness_mm, middles_mm[1]))
-    return sum(_layer_nm(of, layer_mm, middle_mm, axis_mm) for of, layer_mm, middle_mm in layers)
-
-
-def neutral_axis_mm(plate: Material, thickness_mm: float, patch: Patch) -> float:
-    """Return the height of the neutral axis of plate and patch above the bare face."""
-    stiff = [_plane_gpa(plate) * thickness_mm, _plane_gpa(patch.material) * patch.thickness_mm]
-    return (stiff[0] * thickness_mm / 2.0 + stiff[1] * (thickness_mm + patch.thickness_mm / 2.0)) / sum(stiff)
-
-
-def _layer_nm(of: Material, thickness_mm: float, middle_mm: float, axis_mm: float) -> float:
-    return _plane_gpa(of) * (thickness_mm**3 / 12.0 + thickness_mm * (middle_mm - axis_mm) ** 2)
-
-
-def _plane_gpa(of: Material) -> float:
-    return of.young_gpa / (1.0 - of.poisson**2)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from .free_plate import ModeShape
+from .mode_shape import ModeShape
 
 THEORY_FRAC = 0.01  # of the frequency: the accuracy of a plate's modulus and thickness, at best
 
@@ -39,7 +39,7 @@ class ModePair:
 def mode_pairs(
     modes: Sequence[tuple[float, ModeShape]], near_hz: float, most_splitting_hz: float
 ) -> tuple[ModePair, ...]:
-    """Return the pairs of `modes` (as from `free_modes`) at most `most_splitting_hz` apart.
+    """Return the pairs of `modes` (as of `GluedPlate`) at most `most_splitting_hz` apart.
 
     They are sorted by distance from `near_hz`, in steps of THEORY_FRAC, then by distance of the next mode, farthest
     first.

@@ -15,11 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..values import FloatArray
-from .free_plate import ModeShape
 from .glued_plate import Patch
-from .materials import Material
-from .patch_places import couplings
-from .patch_reach import moment_n_v, most_volts_v
+from .mode_shape import ModeShape
+from .patch_reach import forces_n_v, most_volts_v
 
 PERMITTIVITY, CLAMPED_FRAC, TAN_DELTA = 1750.0, 0.6, 0.02  # PIC255 (PI Ceramic, material data), at small fields
 _VACUUM_F_M = 8.854e-12
@@ -63,14 +61,9 @@ def capacitance_f(patch: Patch) -> float:
     return CLAMPED_FRAC * PERMITTIVITY * _VACUUM_F_M * area_m2 / (patch.thickness_mm * 1e-3)
 
 
-def charge_nc_um(
-    thickness_mm: float, material: Material, patches: Sequence[Patch], shapes: Sequence[ModeShape]
-) -> FloatArray:
+def charge_nc_um(thickness_mm: float, patches: Sequence[Patch], shapes: Sequence[ModeShape]) -> FloatArray:
     """Return the charge (M modes, P patches), peak, that 1 um peak to peak of each mode brings to each patch, in nC."""
-    bending_n_v = np.array([moment_n_v(thickness_mm, material, patch) for patch in patches])
-    places_mm = np.array([(patch.x_mm, patch.y_mm) for patch in patches])
-    sizes_mm = np.array([patch.size_mm for patch in patches])
-    return np.asarray(0.5e3 * np.abs(bending_n_v * couplings(shapes, places_mm, sizes_mm)))
+    return np.asarray(0.5e3 * np.abs(forces_n_v(thickness_mm, patches, shapes)))
 
 
 def moving_ma(charge: FloatArray, drive_hz: float, amplitudes_um: FloatArray) -> FloatArray:

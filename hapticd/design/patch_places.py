@@ -1,10 +1,10 @@
 """Places for piezoelectric patches along a plate's edges: one to drive and one to sense for each mode.
 
-A thin patch on one face bends the plate with a moment that is uniform over the patch, so that it drives a mode of shape
-w by the integral of w_xx + w_yy over the patch, and as a sensor gives charge in the same proportion (Crawley and de
-Luis, AIAA J. 25 (1987) 1373). These couplings, each as a share of the mode's best, are the drive and sense matrices up
-to a factor per mode. The patches that are chosen make the least singular value of the matrix large: in the worst
-direction of all modes together the amplifiers have to give least.
+A thin patch on one face pulls at its edges with a force that is uniform along them, so that it drives a mode by what
+they move apart, and as a sensor gives charge in the same proportion (Crawley and de Luis, AIAA J. 25 (1987) 1373).
+These couplings, each as a share of the mode's best, are the drive and sense matrices up to a factor per mode. The
+patches that are chosen make the least singular value of the matrix large: in the worst direction of all modes together
+the amplifiers have to give least.
 
 Left out: the patch's own stiffness and mass in the shapes (`glued_plate` has them), wires, and the glue.
 """
@@ -19,8 +19,8 @@ import numpy.typing as npt
 
 from ..values import FloatArray
 from . import legendre
-from .free_plate import ModeShape
 from .glued_plate import Patch
+from .mode_shape import ModeShape
 
 BoolArray = npt.NDArray[np.bool_]
 _Indices = npt.NDArray[np.intp]
@@ -44,8 +44,11 @@ class PatchSet:
         return float(np.linalg.cond(self.coupling))
 
 
-def place_patches(shapes: Sequence[ModeShape], patch_mm: tuple[float, float], taken: Sequence[Patch] = ()) -> PatchSet:
-    """Return a patch to sense, or to drive, each mode, of `patch_mm` (width, depth), none over another or `taken`.
+def place_patches(
+    shapes: Sequence[ModeShape], patch_mm: tuple[float, float], height_mm: float, taken: Sequence[Patch] = ()
+) -> PatchSet:
+    """Return a patch to sense, or to drive, each mode, of `patch_mm` (width, depth), none over another or `taken`;
+    `height_mm` is that of its middle above the plate's.
 
     Raises ValueError for a patch that is too large for the plate's edges.
     """
@@ -54,7 +57,7 @@ def place_patches(shapes: Sequence[ModeShape], patch_mm: tuple[float, float], ta
         room_mm = (np.array(patch_mm) + np.array(patch.size_mm)) / 2.0
         away_mm = np.abs(candidates_mm - np.array((patch.x_mm, patch.y_mm)))
         candidates_mm = candidates_mm[np.any(away_mm >= room_mm - 1e-9, axis=1)]
-    coupling = couplings(shapes, candidates_mm, patch_mm)
+    coupling = couplings(shapes, candidates_mm, patch_mm, height_mm)
     coupling /= np.max(np.abs(coupling), axis=1, keepdims=True)
     overlaps = overlapping(candidates_mm, np.broadcast_to(np.array(patch_mm), candidates_mm.shape))
     chosen = _chosen(coupling, overlaps)
@@ -80,32 +83,43 @@ def along_edges(size_mm: tuple[float, float], patch_mm: tuple[float, float]) -> 
     return np.concatenate(found), np.concatenate(sizes)
 
 
-def couplings(shapes: Sequence[ModeShape], places_mm: FloatArray, patch_mm: npt.ArrayLike) -> FloatArray:
-    """Return the integrals (M, n) of w_xx + w_yy over a patch at each of `places_mm` (n, 2), in 1/mm^2 times mm^2.
+def couplings(
+    shapes: Sequence[ModeShape], places_mm: FloatArray, patch_mm: npt.ArrayLike, height_mm: npt.ArrayLike
+) -> FloatArray:
+    """Return the stretch (M, n) of a patch at each of `places_mm` (n, 2), of all its area, in mm per mm of a mode: what
+    its edges move apart. `height_mm` is that of its middle above the plate's.
 
     `patch_mm` is the width and depth of all of them (2,), or of each (n, 2)."""
     points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
     size = np.array(shapes[0].size_mm)
     half = np.broadcast_to(np.asarray(patch_mm, np.float64) / 2.0, places_mm.shape)
-    inside = places_mm[:, None] + half[:, None] * points[:, None]  # (n, q, 2): x and y of the rule's points
-    plate = inside * (2.0 / size)
+    ends = (places_mm[:, None] + half[:, None] * np.array((-1.0, 1.0))[:, None]) * (2.0 / size)  # (n, end, 2)
+    inside = (places_mm[:, None] + half[:, None] * points[:, None]) * (2.0 / size)  # of the rule along each side
+    degrees = [terms - 1 for terms in shapes[0].coefficients.shape]
+    apart = [np.diff(_values(ends[..., axis], degrees[axis]), axis=1)[:, 0] for axis in (0, 1)]
+    over = [
+        np.einsum("nqi,q,n->ni", _values(inside[..., axis], degrees[axis]), weights, half[:, axis]) for axis in (0, 1)
+    ]
+    height = np.broadcast_to(np.asarray(height_mm, np.float64), len(places_mm))
     found = []
     for shape in shapes:
-        terms = shape.coefficients.shape
-        value, bend = (
-            [_values(plate[..., axis], terms[axis] - 1, order) * (2.0 / size[axis]) ** order for axis in (0, 1)]
-            for order in (0, 2)
+        if shape.motion is None:
+            raise ValueError(f"of {shape.name} only the deflection is known: solve its plate.")
+        turn_x, turn_y, along_x, along_y = (
+            np.einsum("ni,ij,nj->n", *around, optimize=True)
+            for around in (
+                (apart[0], shape.motion[0], over[1]),
+                (over[0], shape.motion[1], apart[1]),
+                (apart[0], shape.motion[2], over[1]),
+                (over[0], shape.motion[3], apart[1]),
+            )
         )
-        curvature = sum(
-            np.einsum("nqi,ij,nrj,q,r->n", x, shape.coefficients, y, weights, weights, optimize=True)
-            for x, y in ((bend[0], value[1]), (value[0], bend[1]))
-        )
-        found.append(curvature * half[:, 0] * half[:, 1])
+        found.append(along_x + along_y + height * (turn_x + turn_y))
     return np.array(found)
 
 
-def _values(places: FloatArray, degree: int, order: int) -> FloatArray:
-    return legendre.values(places.ravel(), degree, order).reshape(*places.shape, degree + 1)
+def _values(places: FloatArray, degree: int) -> FloatArray:
+    return legendre.values(places.ravel(), degree).reshape(*places.shape, degree + 1)
 
 
 def places_for_reach(per_volt_um: FloatArray, overlaps: BoolArray) -> list[int]:

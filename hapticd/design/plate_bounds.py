@@ -14,10 +14,10 @@ import numpy as np
 from ..values import FloatArray
 from . import legendre
 from .felt_search import COUPLED_HZ, MOST_TURN_DEG, FeltDesign
-from .free_plate import ModeShape, wave_speed_m2_s
 from .materials import Material
+from .mode_shape import ModeShape
 from .patch_load import TAN_DELTA, capacitance_f
-from .patch_reach import modal_mass_kg
+from .section import wave_rad_mm
 
 MOST_FRAC = 0.95  # of the places ask no more than what is stated
 TOUGHENED_MPA = 70.0  # lasting load on thermally toughened glass, EN 16612: (120 - 45) / 1.2 + 0.29 * 45 / 1.8
@@ -28,7 +28,6 @@ DRIFT_FRAC = 0.1  # of a mode's bandwidth: more is to be calibrated again
 PUBLIC_DB = 100.0  # above 25 kHz, IRPA interim guidelines 1984, for the public
 EAR_MM = 500.0
 _AIR_KG_M3, _SOUND_M_S, _SILENT_PA = 1.2, 343.0, 20e-6
-_CELLS = 161
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +54,8 @@ class Bound:
 def bounds(design: FeltDesign, q_factor: float) -> tuple[Bound, ...]:
     """Return the figures of a plate and its patches."""
     plate = design.plate
-    areal_kg_m2 = plate.material.density_kg_m3 * plate.thickness_mm * 1e-3
     omega = 2.0 * math.pi * np.array(design.frequency_hz)
-    mass_kg = np.array([modal_mass_kg(shape, areal_kg_m2, plate.patches) for shape in design.shapes])
+    mass_kg = np.array([shape.mass_kg for shape in design.shapes])
     stress_mpa_um = np.array([stress_mpa(shape, plate.thickness_mm, plate.material) for shape in design.shapes])
     square_um2 = design.modal_um**2
     speed2_m2_s2 = (0.5e-6 * omega) ** 2 / 2.0  # per um^2, in time
@@ -110,20 +108,28 @@ def bounds(design: FeltDesign, q_factor: float) -> tuple[Bound, ...]:
 
 
 def stress_mpa(shape: ModeShape, thickness_mm: float, material: Material) -> float:
-    """Return the largest principal stress in the plate's faces per um, peak to peak, of a mode."""
-    axes = np.linspace(-1.0, 1.0, _CELLS)
+    """Return the largest principal stress in the plate's faces per um, peak to peak, of a mode, in the mean over cells
+    of half the thickness: a plate theory holds over no less, and at a patch's corners stress has no bound."""
+    if shape.motion is None:
+        raise ValueError(f"of {shape.name} only the deflection is known: solve its plate.")
+    counts = [max(round(2.0 * edge_mm / thickness_mm), 1) for edge_mm in shape.size_mm]
+    cell_mm = [edge_mm / count for edge_mm, count in zip(shape.size_mm, counts, strict=True)]
+    nodes = [
+        legendre.values(np.linspace(-1.0, 1.0, count + 1), terms - 1)
+        for count, terms in zip(counts, shape.coefficients.shape, strict=True)
+    ]
 
-    def bent(order_x: int, order_y: int) -> FloatArray:
-        terms_x, terms_y = shape.coefficients.shape
-        along_x = legendre.values(axes, terms_x - 1, order_x) * (2.0 / shape.size_mm[0]) ** order_x
-        along_y = legendre.values(axes, terms_y - 1, order_y) * (2.0 / shape.size_mm[1]) ** order_y
-        return np.asarray(along_x @ shape.coefficients @ along_y.T)
+    def slopes(field: FloatArray) -> tuple[FloatArray, FloatArray]:
+        at = nodes[0] @ field @ nodes[1].T
+        across, along = np.diff(at, axis=0) / cell_mm[0], np.diff(at, axis=1) / cell_mm[1]
+        return (across[:, 1:] + across[:, :-1]) / 2.0, (along[1:] + along[:-1]) / 2.0
 
-    xx, yy, xy = bent(2, 0), bent(0, 2), bent(1, 1)
-    nu = material.poisson
-    mean, shear = (1.0 + nu) * (xx + yy) / 2.0, (1.0 - nu) * np.hypot((xx - yy) / 2.0, xy)
-    strain_gpa = material.young_gpa / (1.0 - nu**2) * thickness_mm / 2.0 * float(np.max(np.abs(mean) + shear))
-    return strain_gpa * 1e3 * 0.5e-3  # GPa to MPa, half a um in mm
+    nu, largest = material.poisson, 0.0
+    for z_mm in (-thickness_mm / 2.0, thickness_mm / 2.0):
+        (xx, xy), (yx, yy) = (slopes(shape.motion[2 + axis] + z_mm * shape.motion[axis]) for axis in (0, 1))
+        mean, shear = (1.0 + nu) * np.abs(xx + yy) / 2.0, (1.0 - nu) * np.hypot((xx - yy) / 2.0, (xy + yx) / 2.0)
+        largest = max(largest, float(np.max(mean + shear)))
+    return material.young_gpa / (1.0 - nu**2) * largest * 1e3 * 0.5e-3  # GPa to MPa, half a um in mm
 
 
 def sound_db(design: FeltDesign, speed2_m2_s2: FloatArray) -> float:
@@ -133,7 +139,8 @@ def sound_db(design: FeltDesign, speed2_m2_s2: FloatArray) -> float:
     M. Heckl, Structure-Borne Sound, ch. 6); the power of one face is spread over a hemisphere.
     """
     plate = design.plate
-    bending_m_s = math.sqrt(2.0 * math.pi * design.drive_hz * wave_speed_m2_s(plate.thickness_mm, plate.material))
+    rad_m = 1e3 * wave_rad_mm(design.drive_hz, plate.thickness_mm, plate.material)
+    bending_m_s = 2.0 * math.pi * design.drive_hz / rad_m
     if bending_m_s <= _SOUND_M_S:
         return -math.inf
     mean = np.array([np.sum(shape.coefficients**2) / 4.0 for shape in design.shapes])

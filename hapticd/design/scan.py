@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..values import FloatArray
-from .free_plate import ModeShape
+from .mode_shape import ModeShape
 from .pose import NOMINAL, Pose
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..values import FloatArray
-from .free_plate import ModeShape
+from .mode_shape import ModeShape
 
 _CELLS_PER_WAVE = 12  # of the grid on which nodes are searched
 _STEPS = 20  # of Newton's method, which needs five

@@ -1,7 +1,7 @@
 """`hapticd plate`: pairs of modes to drive a plate with, their shapes, and support points; with --felt, plates for
 whole fingertips by friction felt as asked (`plate_felt`).
 
-Theory (`design.free_plate`): a free, thin, homogeneous plate. A real one is glued and supported, and its frequencies
+Theory (`design.glued_plate`): a free, homogeneous plate. A real one is glued and supported, and its frequencies
 differ by some per cent: measure its modes with `hapticd calibrate modes`. The mode file is for trials before that.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..design import ModeShape
-from ..design.free_plate import free_modes
+from ..design.glued_plate import GluedPlate
 from ..design.materials import Material, find_material
 from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
     )
-    parser.add_argument("--near", dest="near_hz", type=POSITIVE, default=29200.0, metavar="HZ", help="default 29200")
+    parser.add_argument("--near", dest="near_hz", type=POSITIVE, default=28200.0, metavar="HZ", help="default 28200")
     parser.add_argument("--pair", type=whole(1), default=1, metavar="N", help="select a pair of the table (default 1)")
     parser.add_argument(
         "--stamp", dest="stamp_mm", type=number(0.0), default=2.0, metavar="MM", help="radius (default 2)"
@@ -107,7 +107,7 @@ def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Materi
         thickness_mm = number(0.01, 100.0)(options.thickness)
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"--thickness: {error}.") from None
-    modes = free_modes(size_mm, thickness_mm, of, band_hz)
+    modes = GluedPlate(size_mm, thickness_mm, of).modes(band_hz)
     return mode_pairs(modes, options.near_hz, SPLITTING_HZ)
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from ..config.keys import toml
 from ..design.felt_search import FeltDesign
-from ..design.free_plate import ModeShape, distinct_names
 from ..design.materials import MATERIALS
+from ..design.mode_shape import ModeShape, distinct_names
 from ..sim.plate.glasses import DRIVE_HZ, FARTHEST_HZ, LEAST_PARASITIC
 from . import outputs
 

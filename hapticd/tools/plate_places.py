@@ -35,10 +35,11 @@ class Placement:
 
 def place(design: FeltDesign) -> Placement:
     """Place sensors along the edges, not over the patches, and stamps where all modes move them least."""
-    sensors = place_patches(design.shapes, SENSOR_MM, design.plate.patches)
     plate = design.plate
+    height_mm = (plate.thickness_mm + SENSOR_THICKNESS_MM) / 2.0
+    sensors = place_patches(design.shapes, SENSOR_MM, height_mm, plate.patches)
     glued = [Patch(x_mm, y_mm, SENSOR_MM, SENSOR_THICKNESS_MM) for x_mm, y_mm in sensors.places_mm.tolist()]
-    charge_nc = charge_nc_um(plate.thickness_mm, plate.material, glued, design.shapes)
+    charge_nc = charge_nc_um(plate.thickness_mm, glued, design.shapes)
     return Placement(sensors, charge_nc, four_stamps(least_moved(design.shapes, STAMP_MM), plate.size_mm))
 
 

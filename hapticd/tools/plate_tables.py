@@ -74,7 +74,7 @@ def patch_table(design: FeltDesign) -> str:
 
 def _moving_ma(design: FeltDesign) -> FloatArray:
     plate = design.plate
-    charge = charge_nc_um(plate.thickness_mm, plate.material, plate.patches, design.shapes)
+    charge = charge_nc_um(plate.thickness_mm, plate.patches, design.shapes)
     return moving_ma(charge, design.drive_hz, np.array(design.limits_um))
 
 

@@ -43,8 +43,8 @@ def rms(values: np.ndarray) -> float:
 def test_the_map_errs_by_less_than_a_sixth_of_the_scan_s_noise(seed: int) -> None:
     for error in on_fine_grid(reference_fit(seed)) - truth():
         assert rms(error) < 0.020 / 6  # over the whole plate; the noise is 0.020
-        assert rms(error[~MARGIN]) < 0.0031
-        assert rms(error[MARGIN]) < 0.006  # where there is no measurement at all
+        assert rms(error[~MARGIN]) < 0.0032
+        assert rms(error[MARGIN]) < 0.0061  # where there is no measurement at all
         assert np.abs(error).max() < 0.03
 
 
@@ -53,12 +53,12 @@ def test_the_fit_estimates_its_noise_its_error_and_the_wavelength() -> None:
     errors = np.stack([on_fine_grid(fit) - truth() for fit in fits])
 
     estimated = np.sqrt(np.mean([fit.map_error_rms**2 for fit in fits]))
-    assert estimated == pytest.approx(rms(errors), rel=0.2)  # six surfaces of 14 parameters: good to a tenth
+    assert estimated == pytest.approx(rms(errors), rel=0.2)  # six surfaces of 15 parameters: good to a tenth
     for fit in fits:
         np.testing.assert_allclose(fit.noise_rms, 0.02, rtol=0.1)
         assert (fit.residual_rms < fit.noise_rms).all()
         assert (fit.noise_rms < fit.prediction_rms).all()
-        assert (fit.freedom == 14.0).all()  # free-plate modes whose frequency is within 8 % of X and Y
+        assert (fit.freedom == 15.0).all()  # free-plate modes whose frequency is within 8 % of X and Y
         assert fit.wavelength_mm == pytest.approx(26.2, rel=0.01)
 
 

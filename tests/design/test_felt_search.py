@@ -24,16 +24,16 @@ KIT = (8.0, 8.0, 0.3)
 
 @pytest.fixture(scope="module")
 def shapes() -> list[ModeShape]:
-    return [shape for _, shape in free_plate_modes((200.0, 200.0), 3.0, band_hz=(29200.0, 29600.0))]
+    return [shape for _, shape in free_plate_modes((200.0, 200.0), 3.0, band_hz=(27600.0, 28000.0))]
 
 
 @pytest.fixture(scope="module")
 def designs() -> list[FeltDesign]:
-    plates = [GluedPlate(SIZE_MM, mm, MATERIALS["glass"]) for mm in (2.0, 3.0)]
+    plates = [GluedPlate(SIZE_MM, mm, MATERIALS["glass"]) for mm in (1.5, 2.0)]
     with pytest.MonkeyPatch.context() as patch:
         for name, less in {"JUDGE_PLACES": 100, "SEARCH_PLACES": 30, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
             patch.setattr(felt_search, name, less)
-        return search(plates, [3], (28500.0, 30000.0), TASK, [KIT, (8.0, 8.0, 0.5)])
+        return search(plates, [3], (27000.0, 28500.0), TASK, [KIT, (8.0, 8.0, 0.5)])
 
 
 def test_errors_are_those_of_the_mean_friction_over_a_fine_grid(shapes: list[ModeShape]) -> None:
@@ -55,7 +55,7 @@ def test_errors_are_those_of_the_mean_friction_over_a_fine_grid(shapes: list[Mod
 def test_patches_placed_for_reach_need_fewer_volts_than_a_thousand_random_choices(shapes: list[ModeShape]) -> None:
     candidates_mm, sizes_mm = along_edges((200.0, 200.0), (20.0, 10.0))
     assert {tuple(size) for size in sizes_mm.tolist()} == {(20.0, 10.0), (10.0, 20.0)}
-    moved = couplings(shapes, candidates_mm, sizes_mm)
+    moved = couplings(shapes, candidates_mm, sizes_mm, 1.65)
     overlaps = overlapping(candidates_mm, sizes_mm)
     chosen = places_for_reach(moved, overlaps)
     assert not np.any(overlaps[np.ix_(chosen, chosen)] & ~np.eye(len(chosen), dtype=bool))
@@ -92,7 +92,7 @@ def test_fingers_that_feel_half_an_amplitude_as_the_whole_are_served_by_half(des
     curve_um = tuple(DEFAULT_FRICTION_CURVE.amplitude_um(friction) / 2.0 for friction in np.linspace(1.0, 0.0, 201))
     person = replace(TASK, targets_um=(0.5, 0.0), curve_um=curve_um, floor_frac=DEFAULT_FRICTION_CURVE.floor_frac)
     usual, halved = (GluedModes(plate, (drive_hz - 250.0, drive_hz + 250.0), task, 100) for task in (TASK, person))
-    chosen = usual.sets(3)[0]
+    chosen = usual.sets(3)[-1]
     one, other = (modes.judge(chosen, plate.patches, drive_hz) for modes in (usual, halved))
     assert other.felt_frac >= one.felt_frac - 0.05
     assert np.quantile(other.modal_um, 0.5) < np.quantile(one.modal_um, 0.5)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from hapticd.design import CartographyFit, fit_cartography
-from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.plate.shape_tables import GLUE, waves
 from hapticd.values import FloatArray
+
+from .reference_plate import driven_modes
 
 pytestmark = pytest.mark.long
 
@@ -20,8 +21,7 @@ NOISE = 0.01
 
 def glued(x_mm: FloatArray, y_mm: FloatArray, glue_frac: float) -> FloatArray:
     """Return the driven modes (M, ny, nx) with waves of other lengths, as a share of their RMS."""
-    points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
-    shapes = np.moveaxis(GroundTruth().shapes(points), -1, 0)[:2]
+    shapes = np.stack([shape.on_grid(x_mm, y_mm) for shape in driven_modes()])
     added = np.stack([waves(x_mm, y_mm, SIZE_MM, (1, GLUE, mode)) for mode in range(2)])
     return np.asarray(shapes + glue_frac * np.sqrt(np.mean(shapes**2)) * added, np.float64)
 

@@ -10,10 +10,10 @@ import numpy as np
 from hapticd.design.contact_pairs import surfaces
 from hapticd.design.felt_places import touches
 from hapticd.design.felt_tolerances import Copy
-from hapticd.design.free_plate import ModeShape
 from hapticd.design.glued_plate import GluedPlate, Patch
 from hapticd.design.materials import MATERIALS
 from hapticd.design.mode_choice import FeltTask, NearModes, choose
+from hapticd.design.mode_shape import ModeShape
 from hapticd.design.patch_reach import PatchDrive
 
 SIZE_MM, TASK = (120.0, 120.0), FeltTask()

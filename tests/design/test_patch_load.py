@@ -6,22 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from numpy.polynomial import legendre
 
-from hapticd.design import ModeShape
 from hapticd.design.glued_plate import Patch
-from hapticd.design.materials import MATERIALS
 from hapticd.design.patch_load import CLAMPED_FRAC, charge_nc_um, moving_ma, patch_load
-from hapticd.design.patch_reach import modal_mass_kg, patch_drive
+from hapticd.design.patch_reach import patch_drive
 
-GLASS, SIZE_MM, WAVES = MATERIALS["glass"], (160.0, 120.0), (4, 3)
-PATCHES = (Patch(20.0, 0.0, (10.0, 10.0), 0.3), Patch(-50.0, 12.0, (8.0, 12.0), 0.5))
+from .sine_mode import sine_mode
 
-
-def sine(waves: tuple[int, int]) -> ModeShape:
-    s = np.cos(np.pi * (np.arange(41) + 0.5) / 41)
-    sides = [legendre.legfit(s, np.sin(np.pi * n * s), 40) / np.sqrt(np.arange(41) + 0.5) for n in waves]
-    return ModeShape(SIZE_MM, np.outer(*sides), waves, "sine")
+PATCHES = (Patch(20.0, 4.0, (10.0, 10.0), 0.3), Patch(-50.0, 12.0, (8.0, 12.0), 0.5))
 
 
 def test_a_patch_takes_the_current_and_the_power_of_its_glued_capacitance() -> None:
@@ -40,13 +32,12 @@ def test_without_volts_it_is_driven_to_what_its_field_or_the_amplifier_allows() 
 
 
 def test_a_moving_mode_gives_back_what_the_patch_drives_it_with() -> None:
-    modes = [(29000.0, sine(WAVES)), (29050.0, sine((3, 4)))]
+    modes = [(29000.0, sine_mode((4, 3))), (29050.0, sine_mode((3, 4)))]
     shapes = [shape for _, shape in modes]
-    charge = charge_nc_um(3.0, GLASS, PATCHES, shapes)
-    gain = patch_drive(3.0, GLASS, PATCHES, modes, 500.0).gain_um_per_v_s
+    charge = charge_nc_um(3.0, PATCHES, shapes)
+    gain = patch_drive(3.0, PATCHES, modes, 500.0).gain_um_per_v_s
     for mode, (hz, shape) in enumerate(modes):
-        mass_kg = modal_mass_kg(shape, GLASS.density_kg_m3 * 3e-3, PATCHES)
-        newton_per_v = np.abs(gain[mode]) * 2.0 * mass_kg * 2.0 * math.pi * hz / 2e6
+        newton_per_v = np.abs(gain[mode]) * 2.0 * shape.mass_kg * 2.0 * math.pi * hz / 2e6
         np.testing.assert_allclose(charge[mode], newton_per_v * 0.5e-6 * 1e9)
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.polynomial import legendre
 
 from hapticd.design import ModeShape
 from hapticd.design.felt_search import FeltDesign
@@ -17,23 +16,23 @@ from hapticd.design.patch_load import capacitance_f
 from hapticd.design.patch_reach import patch_drive
 from hapticd.design.plate_bounds import bounds, stress_mpa
 
-GLASS, SIZE_MM, WAVES = MATERIALS["glass"], (160.0, 120.0), (4, 3)
+from .sine_mode import SIZE_MM, sine_mode
+
+GLASS, WAVES = MATERIALS["glass"], (4, 3)
 PATCH = Patch(20.0, 0.0, (10.0, 10.0), 0.3)
 
 
 @pytest.fixture(scope="module")
 def sine() -> ModeShape:
     """sin(k_x x) sin(k_y y)."""
-    s = np.cos(np.pi * (np.arange(41) + 0.5) / 41)
-    sides = [legendre.legfit(s, np.sin(np.pi * n * s), 40) / np.sqrt(np.arange(41) + 0.5) for n in WAVES]
-    return ModeShape(SIZE_MM, np.outer(*sides), WAVES, "sine")
+    return sine_mode(WAVES)
 
 
 @pytest.fixture
 def design(sine: ModeShape) -> FeltDesign:
     plate = GluedPlate(SIZE_MM, 3.0, GLASS, (PATCH,))
     modes = ((29000.0, sine),)
-    driven = patch_drive(3.0, GLASS, plate.patches, modes, 500.0)
+    driven = patch_drive(3.0, plate.patches, modes, 500.0)
     um, volts = np.full((10, 1), 4.0), np.full((10, 1), 80.0)
     return FeltDesign(plate, 29000.0, modes, 300.0, driven, 1.0, (5.0,), 1.0, (1.0,), 1.0, um, volts)
 
@@ -41,20 +40,17 @@ def design(sine: ModeShape) -> FeltDesign:
 def test_stress_is_that_of_the_bending_moment_of_a_sinusoidal_mode(sine: ModeShape, design: FeltDesign) -> None:
     kx, ky = (2.0 * math.pi * n / (edge_mm * 1e-3) for n, edge_mm in zip(WAVES, SIZE_MM, strict=True))
     at_antinode_pa = 72.5e9 / (1.0 - 0.22**2) * 1.5e-3 * max(kx**2 + 0.22 * ky**2, ky**2 + 0.22 * kx**2) * 0.5e-6
-    assert stress_mpa(sine, 3.0, GLASS) == pytest.approx(at_antinode_pa * 1e-6, rel=2e-3)
+    assert stress_mpa(sine, 3.0, GLASS) == pytest.approx(at_antinode_pa * 1e-6, rel=0.02)
     assert bounds(design, 500.0)[0].value == pytest.approx(5.0 * stress_mpa(sine, 3.0, GLASS))
 
 
 def test_heat_is_what_the_modes_and_the_ceramic_lose(design: FeltDesign) -> None:
     omega = 2.0 * math.pi * 29000.0
-    on_patch = 1.0 - 0.0  # bounds of the patch's share: at most all of it moves by 1
-    plate_kg = 2500.0 * 3e-3 * 0.160 * 0.120 / 4.0
-    patch_kg = 7800.0 * 0.3e-3 * 100e-6 * on_patch
-    low_w, high_w = (kg * omega**3 * (2e-6) ** 2 / (2.0 * 500.0) for kg in (plate_kg, plate_kg + patch_kg))
+    modes_w = sine_mode(WAVES).mass_kg * omega**3 * (2e-6) ** 2 / (2.0 * 500.0)
     ceramic_w = omega * capacitance_f(PATCH) * 80.0**2 / 2.0 * 0.02
     detuned_hz = bounds(design, 500.0)[1].value
     per_w = 2.0 / (10.0 * 2.0 * 0.160 * 0.120)
-    assert (low_w + ceramic_w) * per_w <= detuned_hz <= (high_w + ceramic_w) * per_w
+    assert detuned_hz == pytest.approx((modes_w + ceramic_w) * per_w)
 
 
 def test_current_is_that_of_the_clamped_capacitance(design: FeltDesign) -> None:

@@ -87,7 +87,7 @@ def test_a_plate_that_cannot_be_simulated_is_refused(command: str, sentence: str
 PLATE = {
     "size_mm": "[160.0, 160.0]",
     "thickness_mm": "3.0",
-    "drive_hz": "32370.0",
+    "drive_hz": "30600.0",
     "driven": "2",
     "reach_um": "4.23",
     "modes": '["11x0", "0x11", "9x6", "6x9"]',
@@ -106,7 +106,7 @@ def test_a_plate_may_be_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.chdir(tmp_path)
     assert glass.chosen(parsed("run", "--sim", "--plate", "mine.toml")) == SimConfig(plate=path, modes=2)
     found = find_glass(path)
-    assert (found.size_mm, found.drive_hz, found.driven) == ((160.0, 160.0), 32370.0, 2)
+    assert (found.size_mm, found.drive_hz, found.driven) == ((160.0, 160.0), 30600.0, 2)
 
 
 def test_a_copy_is_driven_as_its_scan_chooses_and_its_map_has_what_patches_push() -> None:

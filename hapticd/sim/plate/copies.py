@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from hapticd.design.felt_tolerances import Copy
-from hapticd.design.free_plate import distinct_names
 from hapticd.design.glued_plate import GluedPlate
 from hapticd.design.mode_choice import FeltTask, choose
+from hapticd.design.mode_shape import distinct_names
 from hapticd.errors import SimulationError
 
 

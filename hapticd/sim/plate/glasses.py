@@ -1,11 +1,12 @@
 """Glass plates of the simulation: dimensions, drive, and the modes near it in the order of their amplifiers.
 
-reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y are driven; the next pair is 84 Hz above them.
-fingertip   200 x 200 x 3 mm, longer waves: four modes of different families within 80 Hz of the drive, so that a whole
-            fingertip can be still, by four patches of 20 x 10 x 0.5 mm; for five and six modes by six, which make other
-            modes of it, within 157 Hz of the drive.
-wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 162 Hz of the
-            drive, the next one 506 Hz away, by eight patches of 15 x 15 x 0.5 mm.
+reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y, at the frequency that was measured, are driven; the
+            next pair is 115 Hz below them.
+fingertip   200 x 200 x 2 mm: four modes of one family within 156 Hz of the drive, the next one 408 Hz away, so that a
+            whole fingertip can be still, by four patches of 20 x 10 x 0.5 mm; for five and six modes by six, which make
+            other modes of it, within 112 Hz of the drive.
+wide        210 x 210 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 156 Hz of the
+            drive, the next one 549 Hz away, by eight patches of 20 x 10 x 0.5 mm.
 
 Patches are glued along the edges: modes are those with their mass and stiffness, and the reach is theirs, at 150 V
 (`hapticd plate --felt`).
@@ -47,7 +48,7 @@ GluedPatch = tuple[float, float, float, float, float]  # x, y, width, depth, thi
 
 @dataclass(frozen=True, slots=True)
 class Glass:
-    """A free plate of glass. `modes` are named by their nodal lines (`design.free_plate`); the first are driven.
+    """A free plate of glass. `modes` are named by their nodal lines (`design.mode_shape`); the first are driven.
 
     `reach_um` is what an amplifier reaches at resonance on the plate without fingers, in any mode or in each driven
     one; `material` is one that `design.materials` finds. `patches` count with their mass and stiffness.
@@ -96,44 +97,55 @@ GLASSES = {
     ),
     FINGERTIP: Glass(
         size_mm=(200.0, 200.0),
-        thickness_mm=3.0,
-        band_hz=(29325.3 - FARTHEST_HZ, 29325.3 + FARTHEST_HZ),
-        drive_hz=29325.3,
-        modes=("13x0", "0x13", "8x10", "1x13", "10x8", "9x9", "13x1", "12x5"),
+        thickness_mm=2.0,
+        band_hz=(32715.9 - FARTHEST_HZ, 32715.9 + FARTHEST_HZ),
+        drive_hz=32715.9,
+        modes=("1x17", "17x0", "0x17", "17x1", "2x17", "8x15", "17x2", "15x8"),
         driven=4,
-        reach_um=(6.025, 7.232, 6.834, 16.489),
+        reach_um=(6.689, 7.892, 12.109, 19.164),
         patches=(
-            *((x_mm, -90.0, 10.0, 20.0, 0.5) for x_mm in (-75.0, 52.5, 72.5)),
-            (-40.0, 90.0, 10.0, 20.0, 0.5),
+            (-92.5, 90.0, 10.0, 20.0, 0.5),
+            (90.0, -92.5, 20.0, 10.0, 0.5),
+            (-92.5, -90.0, 10.0, 20.0, 0.5),
+            (-90.0, -17.5, 20.0, 10.0, 0.5),
         ),
     ),
     WIDE: Glass(
-        size_mm=(220.0, 220.0),
+        size_mm=(210.0, 210.0),
         thickness_mm=3.0,
-        band_hz=(28406.0 - FARTHEST_HZ, 28406.0 + FARTHEST_HZ),
-        drive_hz=28406.0,
-        modes=("13x5", "14x1", "1x14", "14x0", "5x13", "7x12", "12x7", "0x14", "14x2", "2x14"),
+        band_hz=(29288.8 - FARTHEST_HZ, 29288.8 + FARTHEST_HZ),
+        drive_hz=29288.8,
+        modes=("12x7", "13x5", "7x12", "0x14", "14x1", "5x13", "1x14", "14x1#2", "14x2", "2x14", "11x8", "8x11"),
         driven=8,
-        reach_um=(7.438, 11.109, 11.176, 14.777, 10.308, 11.62, 7.872, 10.392),
+        reach_um=(6.001, 7.056, 9.866, 12.9, 12.155, 9.179, 11.717, 24.213),
         patches=(
-            *((102.5, y_mm, 15.0, 15.0, 0.5) for y_mm in (60.0, -60.0)),
-            *((-102.5, y_mm, 15.0, 15.0, 0.5) for y_mm in (97.5, -17.5, -52.5)),
-            *((x_mm, y_mm, 15.0, 15.0, 0.5) for x_mm, y_mm in ((-100.0, -102.5), (17.5, 102.5), (17.5, -102.5))),
+            (15.0, -95.0, 10.0, 20.0, 0.5),
+            (-95.0, 45.0, 20.0, 10.0, 0.5),
+            (52.5, 95.0, 10.0, 20.0, 0.5),
+            (-95.0, 72.5, 20.0, 10.0, 0.5),
+            (-95.0, 15.0, 20.0, 10.0, 0.5),
+            (27.5, -95.0, 10.0, 20.0, 0.5),
+            (95.0, 57.5, 20.0, 10.0, 0.5),
+            (20.0, 95.0, 10.0, 20.0, 0.5),
         ),
     ),
 }
 _FINGERTIP_OF_SIX = "fingertip with six patches"
 _SIX_PATCHES = Glass(
     size_mm=(200.0, 200.0),
-    thickness_mm=3.0,
-    band_hz=(29430.0 - FARTHEST_HZ, 29430.0 + FARTHEST_HZ),
-    drive_hz=29430.0,
-    modes=("1x13", "13x0", "0x13", "13x1", "10x8", "10x8#2", "9x9", "5x12", "12x5", "2x13"),
+    thickness_mm=2.0,
+    band_hz=(33125.9 - FARTHEST_HZ, 33125.9 + FARTHEST_HZ),
+    drive_hz=33125.9,
+    modes=("8x15", "17x2", "15x8", "12x12", "6x16", "2x17", "13x11", "12x12#2", "11x13", "17x1"),
     driven=6,
-    reach_um=(7.478, 9.609, 11.338, 31.001, 13.551, 9.66),
+    reach_um=(6.124, 8.544, 12.458, 14.323, 13.07, 16.407),
     patches=(
-        *((x_mm, y_mm, 20.0, 10.0, 0.5) for x_mm, y_mm in ((-90.0, -45.0), (-90.0, -55.0), (90.0, 75.0))),
-        *((x_mm, y_mm, 10.0, 20.0, 0.5) for x_mm, y_mm in ((22.5, 90.0), (50.0, 90.0), (87.5, -90.0))),
+        (90.0, -27.5, 20.0, 10.0, 0.5),
+        (7.5, 90.0, 10.0, 20.0, 0.5),
+        (-5.0, -90.0, 10.0, 20.0, 0.5),
+        (90.0, -50.0, 20.0, 10.0, 0.5),
+        (25.0, -90.0, 10.0, 20.0, 0.5),
+        (-7.5, 90.0, 10.0, 20.0, 0.5),
     ),
 )
 

@@ -8,12 +8,12 @@ rotating frame of the drive each follows
 with V (M,) the complex actuator voltages. The daemon gets only `measured_mode_map`, a noisy measurement of the driven
 modes with the usual fit, and the sensor signals, which differ from W by crosstalk and noise.
 
-Not modelled: all other modes (the reference plate's nearest is 154 Hz above: 11 x 1 lines) and their share in the
+Not modelled: all other modes (the reference plate's nearest is 109 Hz above: 11 x 1 lines) and their share in the
 measurement of the driven ones, the influence of glued actuators and supports on the shapes, hysteresis and heating of
 the actuators. Fingers damp and couple modes; they detune them, as sensors and shapes have errors, in a world
 (`sim.world_errors`) that has such.
 
-Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6; `design.free_plate` for the shapes.
+Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6; `design.glued_plate` for the shapes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .shapes import theory
 from .stored import SCANS
 from .wirings import IDENTITY, wiring
 
-MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and along y, and the pair above them
+MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and along y, and the pair below them
 DRIVEN_MODES = MODES[:2]
 _SPLIT_HZ = 10.0  # a plate is not quite square: modes of equal frequency are this far to either side of it
 _SIZED_EACH = 3  # driven modes of the reference plate whose amplifiers are sized for them
@@ -247,8 +247,8 @@ def _built_hz(settings: PlateSettings) -> FloatArray:
         is_first = is_pair.argmax(axis=1) == np.arange(len(names))
         return theory_hz + np.where(is_pair.sum(axis=1) == 2, np.where(is_first, -_SPLIT_HZ, _SPLIT_HZ), 0.0)
     pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
-    next_hz = pair_hz + (theory_hz[2] - theory_hz[0])
-    return np.concatenate((pair_hz, next_hz, pair_hz.mean() + theory_hz[4:] - theory_hz[0]))
+    share = theory_hz / theory_hz[0]  # of the measured pair's frequency
+    return np.concatenate((pair_hz, pair_hz * share[2], pair_hz.mean() * share[4:]))
 
 
 def _amplifiers(settings: PlateSettings, driven_hz: FloatArray) -> tuple[FloatArray, tuple[float, ...]]:

@@ -10,7 +10,7 @@ import re
 from functools import lru_cache
 
 from hapticd.design import ModeShape
-from hapticd.design.free_plate import distinct_names
+from hapticd.design.mode_shape import distinct_names
 from hapticd.errors import SimulationError
 
 from . import stored

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hapticd.design.free_plate import ModeShape
+from hapticd.design.mode_shape import ModeShape
 from hapticd.values import FloatArray
 
 FILE = Path(__file__).with_name("stored.npz")

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import CalibrationError, missing_library, reason
+from ...errors import CalibrationError, reason
 from ...regular_file import csv_rows, read_lines
 from ...values import FloatArray
 from .. import plotting
@@ -146,10 +146,8 @@ def _falling(amplitude: FloatArray, value: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _isotonic(value: FloatArray, weights: FloatArray) -> FloatArray:
-    try:
-        from scipy.optimize import isotonic_regression
-    except ImportError:
-        raise missing_library("A friction curve needs scipy 1.12", "design") from None
+    from scipy.optimize import isotonic_regression
+
     return np.asarray(isotonic_regression(value, weights=weights, increasing=False).x, np.float64)
 
 
