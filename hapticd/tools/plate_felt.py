@@ -29,7 +29,7 @@ MOST_FINGERS = 5
 MOST_TARGET_UM = 20.0
 TOML = (".toml",)
 _BELONGING = (
-    *("modes", "drive", "config", "glass", "tolerances", "seed"),
+    *("modes", "drive", "glass", "tolerances", "seed"),
     *("patch", "place", "friction"),
     *campaigns.OPTIONS,
 )
@@ -78,9 +78,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     outputs.add_file(
         parser, "--glass", TOML, group=group, metavar="F.toml", help="the best plate, for --plate of simulated plates"
     )
-    outputs.add_file(
-        parser, "--config", TOML, group=group, metavar="F.toml", help="configuration for the best plate, with --out"
-    )
 
 
 def refuse_without_felt(options: argparse.Namespace) -> None:
@@ -98,14 +95,12 @@ def fill_in(options: argparse.Namespace) -> None:
 
 
 def run(options: argparse.Namespace) -> FeltDesign:
-    """Print the table and the verdict, write JSON, configuration and the plate's file; return the best design.
+    """Print the table and the verdict, write JSON and the plate's file; return the best design.
 
     Raises HapticdError.
     """
     if options.patch is not None and options.place is not None:
         raise UsageError("--place: --patch says where the patches are: omit one of them.")
-    if options.config is not None and options.out is None:
-        raise UsageError("--config: names the plate's mode file: add --out F.npz.")
     felt = PlateConfig()
     if options.friction is not None:
         felt, _ = person.load(options.friction, felt)
@@ -137,8 +132,6 @@ def run(options: argparse.Namespace) -> FeltDesign:
     if options.json is not None:
         plate_tables.write_json(designs, task, asked, motion, study, placement, options.json)
     heading = f"# {judged[-1]}"
-    if options.config is not None:
-        plate_files.write_config(best, task.radius_mm, heading, options.config, options.out)
     if options.glass is not None:
         outputs.write_text("\n".join((heading, *_glass(best))) + "\n", options.glass)
     if options.plot is not None:

@@ -1,10 +1,8 @@
-"""Files of the best plate for whole fingertips: the service's configuration, and the simulation's plate."""
+"""The file of the best plate for whole fingertips, for the simulation."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from ..config.keys import toml
@@ -12,30 +10,8 @@ from ..design.felt_search import FeltDesign
 from ..design.materials import MATERIALS
 from ..design.mode_shape import ModeShape, distinct_names
 from ..sim.plate.glasses import DRIVE_HZ, FARTHEST_HZ, LEAST_PARASITIC
-from . import outputs
 
 PARASITIC = 4  # modes besides the driven ones that a simulated plate has
-
-
-def write_config(design: FeltDesign, radius_mm: float, heading: str, path: Path, modes_file: Path) -> None:
-    """Write what the service needs for this plate; all other keys keep their defaults."""
-    frequencies = ", ".join(f"{hz:.0f}" for hz in design.frequency_hz)
-    named = os.path.relpath(modes_file.absolute(), path.absolute().parent)
-    lines = [
-        heading,
-        f"# Modes by theory, for trials: {frequencies} Hz. A real plate is measured: `hapticd calibrate modes` and",
-        "# `hapticd firmware sweep`. The drive frequency is part of the board's calibration.",
-        "[plate]",
-        f"size_mm = {toml(design.plate.size_mm)}",
-        f"modes_file = {toml(named)}",
-        "",
-        "[limits]",
-        f"w_limit_um = {toml(tuple(round(um, 3) for um in design.limits_um))}",
-        "",
-        "[solver]",
-        f"contact_radius_mm = {toml(radius_mm)}",
-    ]
-    outputs.write_text("\n".join(lines) + "\n", path)
 
 
 def glass_lines(design: FeltDesign, reach_um: float | tuple[float, ...]) -> list[str]:
