@@ -75,7 +75,7 @@ TOLERANCES: Final[dict[str, Tolerance]] = {
     "person": Tolerance(1.15, 1.4, 2.0, "times", "the decay of friction with amplitude, person to person"),
     "ellipse_scale": Tolerance(0.05, 0.15, 0.3, "", "no maker says what a pad's ellipses are"),
     "ellipse_offset": Tolerance(0.3, 0.8, 1.5, "mm", "the same"),
-    "skin_finger": Tolerance(1.05, 1.1, 1.2, "times", "assumed: no measurement of one person's fingers was found"),
+    "skin_finger": Tolerance(1.02, 1.05, 1.1, "times", "assumed: a seventh of what persons do; no source found"),
     "skin_drift": Tolerance(0.05, 0.1, 0.2, "", "assumed, in ten minutes; at once it takes 20 s (Dzidek 2017)"),
     "skin_speed": Tolerance(0.3, 1.0, 3.0, "s/m", "assumed: a film of air 0 (Wiertlewski 2016), bouncing more"),
     "skin_force": Tolerance(0.05, 0.17, 0.5, "", "power: 0 (Sednaoui 2017) .. 1/6, a film (Salbu 1964) below a sphere"),
