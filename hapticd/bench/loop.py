@@ -25,8 +25,7 @@ from ..tools import touch_correction as correction
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 
 HAPTICD, PAPER, PERFECT = "hapticd", "the paper's scheme", "perfect knowledge"
-AFTER, GUIDED = "hapticd after a minute of touching", "hapticd after a guided minute"
-TOUCHED = {AFTER: "strokes", GUIDED: "guided"}  # the scenario that each learns from
+GUIDED = "hapticd after a guided minute"
 NOTHING_WRONG = "nothing wrong"
 SCENARIO = "strokes"
 TELEMETRY_HZ = 500
@@ -41,22 +40,20 @@ _SESSION = 1  # and in another session, with another posture
 
 
 class Job(NamedTuple):
-    """A world of a level, played for `seconds`, also after having been touched for `touching_s` as each scheme of
-    `touched` does it, and with each of `causes` made perfect. What fingers feel is judged where one is asked for
-    `felt_um`, or the usual person's friction there, and the other for nothing; 0: not."""
+    """A world of a level, played for `seconds`, also after a guided touching of `touching_s`, unless that is 0. What
+    fingers feel is judged where one is asked for `felt_um`, or the usual person's friction there, and the other for
+    nothing; 0: not."""
 
     settings: Settings
     level: str
     seed: int
     seconds: float = 10.0
-    touching_s: float = 60.0
-    causes: tuple[str, ...] = ()
-    touched: tuple[str, ...] = ()
+    touching_s: float = 0.0
     felt_um: float = 0.0
 
 
 def play(job: Job) -> dict[str, Score]:
-    """Return the score of each scheme and cause, and of each of `ASKED` and a scheme, "asked: scheme"; those after
+    """Return the score of each scheme, and of each of `ASKED` and a scheme, "asked: scheme"; those after
     touching are on other strokes than its touching."""
     world = NEUTRAL if job.level == NOTHING_WRONG else draw(job.level, job.seed)
     played = in_world(job.settings, world)
@@ -68,9 +65,9 @@ def play(job: Job) -> dict[str, Score]:
     ours = run(played, before)
     scores = {HAPTICD: ours.score, PAPER: run(paper_settings(played)).score, PERFECT: perfect(ours).score}
     daemons = {HAPTICD: (played, before)}
-    for scheme in job.touched:
-        daemons[scheme] = _corrected(played, before, _touch(played, before, job, TOUCHED[scheme]))
-        scores[scheme] = run(*daemons[scheme]).score
+    if job.touching_s:
+        daemons[GUIDED] = _corrected(played, before, _touch(played, before, job))
+        scores[GUIDED] = run(*daemons[GUIDED]).score
     if job.felt_um:
         asking = replace(SCENARIOS[SCENARIO], build=partial(strokes, targets_um=(job.felt_um, STICKY_UM)))
         for asked, (friction_targets, knows_person) in ASKED.items():
@@ -79,9 +76,6 @@ def play(job: Job) -> dict[str, Score]:
                 felt = run(knowing_person(settings, job.seed) if knows_person else settings, known, asking)
                 scores[f"{asked}: {scheme}"] = felt.score
             scores[f"{asked}: {PERFECT}"] = perfect(felt).score  # whatever the daemon knows
-    for cause in job.causes:
-        without = in_world(job.settings, world.without(cause))
-        scores[cause] = run(without, measured(without, job.seed)).score
     return scores
 
 
@@ -129,10 +123,10 @@ def measured(settings: Settings, seed: int) -> Measured:
     return Measured(plate.measured_mode_map(seed), BoardCalibration(tuple(modes)))
 
 
-def _touch(settings: Settings, before: Measured, job: Job, scenario: str) -> Touched:
+def _touch(settings: Settings, before: Measured, job: Job) -> Touched:
     """Touch the plate in other strokes than those that are judged; return what the daemon would record."""
     config = replace(settings.config, record=replace(settings.config.record, telemetry_hz=TELEMETRY_HZ))
-    actors = SCENARIOS[scenario].build(job.seed + _OTHER_STROKES, settings.speed_mm_s)
+    actors = SCENARIOS["guided"].build(job.seed + _OTHER_STROKES, settings.speed_mm_s)
     simulation = lockstep.Simulation(actors, replace(settings, session=_SESSION, config=config), job.seed, before)
     machine, collected = simulation.machine, Collected()
     machine.parasitic_modes = simulation.world.plate.parasitic_modes(job.seed)

@@ -1,17 +1,15 @@
-"""Random laboratories: what contacts get where everything is a little wrong, and which cause costs how much.
+"""Random laboratories: what contacts get where everything is a little wrong.
 
 Each laboratory is drawn with a seed of its own (`sim.world_tolerances`), and its fingers, noise and map have that seed
 too. A laboratory is one task of a campaign, since its runs share maps. Leak and contrast are those of the fingertip
-plate with its four modes in all kinds of world; some laboratories are played with each cause perfect. What is felt
-there, and on the wide plate, is judged for amplitudes and for frictions, with and without this person's curve: at
-0.5 um, or the usual person's friction there, on four modes, at 1 um on eight.
+plate with its four modes in all kinds of world. What is felt there, and on the wide plate, is judged for amplitudes and
+for frictions, with and without this person's curve: at 0.5 um, or the usual person's friction there, on four modes, at
+1 um on eight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import numpy as np
 
 from ..design.campaign import TaskRunner, one_by_one
 from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM
@@ -19,14 +17,13 @@ from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
 from ..sim.settings import CALIBRATED_FRAC, Settings
-from ..sim.world_errors import CAUSES
 from ..sim.world_tolerances import LEVELS
 from . import loop
-from .loop import AFTER, ASKED, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job
+from .loop import ASKED, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job
 from .tables import Table
 
 MILD, LABORATORY, WORST = LEVELS
-FEW = 5  # one laboratory in so many is played with each cause made perfect, and one of every other kind of world
+FEW = 5  # laboratories to one of every other kind of world
 _Scores = Sequence[dict[str, Score]]
 
 
@@ -35,22 +32,18 @@ def run(
     *,
     seconds: float = 10.0,
     touching_s: float = 60.0,
-    causes: tuple[str, ...] = CAUSES,
     campaign: TaskRunner = one_by_one,
 ) -> tuple[Table, ...]:
-    """Compare the schemes in `worlds` laboratories, and `causes` in some."""
+    """Compare the schemes in `worlds` laboratories."""
     few = range(1, worlds + 1, FEW)
     levels = {LABORATORY: range(1, worlds + 1)} | dict.fromkeys((NOTHING_WRONG, MILD, WORST), few)
     jobs: dict[tuple[str, str, int], Job] = {}
-    for glass, felt_um, touched in ((FINGERTIP, HALF_UM, (AFTER, GUIDED)), (WIDE, SLIPPERY_UM, (GUIDED,))):
+    for glass, felt_um in ((FINGERTIP, HALF_UM), (WIDE, SLIPPERY_UM)):
         settings = Settings(motion=REAL, plate=PlateSettings.of(glass))
         for level, seeds in levels.items() if glass == FINGERTIP else [(LABORATORY, levels[LABORATORY])]:
             for seed in seeds:
-                job = Job(settings, level, seed, seconds, touching_s, touched=touched)
-                if level == LABORATORY:
-                    perfected = causes if glass == FINGERTIP and seed in few else ()
-                    job = job._replace(causes=perfected, felt_um=felt_um)
-                jobs[glass, level, seed] = job
+                asked_um = felt_um if level == LABORATORY else 0.0
+                jobs[glass, level, seed] = Job(settings, level, seed, seconds, touching_s, asked_um)
     played = dict(zip(jobs, campaign("worlds", loop.play, [*jobs.values()]), strict=True))
 
     def of(glass: str, level: str) -> _Scores:
@@ -58,7 +51,6 @@ def run(
 
     return (
         _levels({level: of(FINGERTIP, level) for level in levels}),
-        _causes(of(FINGERTIP, LABORATORY)),
         _felt({glass: of(glass, LABORATORY) for glass in (FINGERTIP, WIDE)}),
     )
 
@@ -66,7 +58,7 @@ def run(
 def _levels(by_level: dict[str, _Scores]) -> Table:
     rows = {}
     for level, worlds in by_level.items():
-        for scheme in (HAPTICD, AFTER, GUIDED, PAPER, PERFECT):
+        for scheme in (HAPTICD, GUIDED, PAPER, PERFECT):
             over_before = [scores[scheme].contact_leak_um / scores[HAPTICD].contact_leak_um for scores in worlds]
             most = {"most_over_before_ratio": max(over_before)}
             rows[f"{level}: {scheme}"] = loop.figures([scores[scheme] for scores in worlds]) | most
@@ -77,20 +69,6 @@ def _levels(by_level: dict[str, _Scores]) -> Table:
         "limit: the plate's true amplitude in a mode over its W_LIM, the most of all worlds",
     )
     return Table("worlds", f"worlds: {SCENARIO}, contacts: {counts}", rows, ("contact_leak_um", "contrast"), notes)
-
-
-def _causes(laboratories: _Scores) -> Table:
-    """Return the leak before touching with each cause made perfect, largest share first."""
-    few = [scores for scores in laboratories if {*scores} & {*CAUSES}]
-    all_um = np.array([scores[HAPTICD].contact_leak_um for scores in few])
-    rows = {HAPTICD: {"leak_um": float(np.median(all_um))}}
-    for cause in (cause for cause in CAUSES if few and cause in few[0]):
-        known_um = np.array([scores[cause].contact_leak_um for scores in few])
-        share = 1.0 - np.mean(known_um**2) / np.mean(all_um**2)
-        rows[f"{cause} perfect"] = {"leak_um": float(np.median(known_um)), "share_frac": float(share)}
-    ordered = dict(sorted(rows.items(), key=lambda row: -row[1].get("share_frac", np.inf)))
-    title = f"worlds: one cause made perfect, {len(few)} laboratories, contacts"
-    return Table("worlds_causes", title, ordered, ("leak_um",), ("share: that of the mean square of the leak",))
 
 
 def _felt(laboratories: dict[str, _Scores]) -> Table:

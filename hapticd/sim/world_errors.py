@@ -1,14 +1,14 @@
 """What is wrong in a laboratory: one field per cause.
 
 The daemon's configuration describes a world without these errors; the simulation plays one with them. So perfect
-knowledge of a cause is its field at the neutral value: `without`.
+knowledge of a cause is its field at the neutral value.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, Final
 
 import msgspec
@@ -222,10 +222,6 @@ class WorldErrors:
             gains[:, finger] *= pressed / skin.finger_ratio**share / (1.0 + skin.drift_frac) ** (t_s / DRIFT_S)
         return gains
 
-    def without(self, cause: str) -> WorldErrors:
-        """Return this world with perfect knowledge of one of `CAUSES`."""
-        return replace(self, **{cause: getattr(NEUTRAL, cause)})
-
     @classmethod
     def parsed(cls, text: str) -> WorldErrors:
         """Return the world of a JSON object with some of the fields, as `asdict` nests them. Raises SimulationError."""
@@ -247,5 +243,3 @@ def _check_names(given: Mapping[str, Any], valid: Mapping[str, Any], name: str) 
 
 
 NEUTRAL: Final = WorldErrors()
-_NO_CAUSES: Final = {"seed", "map_step_mm", "report_period_ms", "lost_frac"}
-CAUSES: Final = tuple(entry.name for entry in fields(WorldErrors) if entry.name not in _NO_CAUSES)
