@@ -27,7 +27,6 @@ from .section import ALONG_X, ALONG_Y, DEFLECTION, FIELDS, TURN_X, TURN_Y, Bases
 
 PZT = Material(62.0, 0.34, 7800.0, "PI Ceramic, PIC255")
 BENDING, IN_PLANE = (DEFLECTION, TURN_X, TURN_Y), (ALONG_X, ALONG_Y)
-USUAL_BAND_HZ = (28000.0, 30500.0)
 _PER_RAD = 1.4  # degrees per radian of the shortest wave over half an interval
 _MORE, _MORE_GLUED = 10, 6  # degrees, for an edge's decaying waves: 0.1 Hz at 30 kHz
 _SERIES_MORE = 12  # degrees of the series of a shape with patches, for the bends at their edges
@@ -80,12 +79,12 @@ class GluedPlate:
 def plate_modes(
     size_mm: tuple[float, float] = (137.5, 137.5),
     thickness_mm: float = 2.0,
-    *,
-    patches: Sequence[tuple[float, float, float, float, float]] = (),
     young_gpa: float = 72.5,
     poisson: float = 0.22,
     density_kg_m3: float = 2500.0,
-    band_hz: tuple[float, float] = USUAL_BAND_HZ,
+    band_hz: tuple[float, float] = (28000.0, 30500.0),
+    *,
+    patches: Sequence[tuple[float, float, float, float, float]] = (),
 ) -> list[tuple[float, ModeShape]]:
     """Return the modes of a plate of these constants, with patches of PZT (x, y, width, depth, thickness in mm) on one
     face; see `GluedPlate.modes`."""
@@ -94,18 +93,7 @@ def plate_modes(
     return GluedPlate((float(size_mm[0]), float(size_mm[1])), thickness_mm, of, glued).modes(band_hz)
 
 
-def free_plate_modes(
-    size_mm: tuple[float, float] = (137.5, 137.5),
-    thickness_mm: float = 2.0,
-    young_gpa: float = 72.5,
-    poisson: float = 0.22,
-    density_kg_m3: float = 2500.0,
-    band_hz: tuple[float, float] = USUAL_BAND_HZ,
-) -> list[tuple[float, ModeShape]]:
-    """Return `plate_modes` of a bare plate."""
-    return plate_modes(
-        size_mm, thickness_mm, young_gpa=young_gpa, poisson=poisson, density_kg_m3=density_kg_m3, band_hz=band_hz
-    )
+free_plate_modes = plate_modes  # without patches
 
 
 class _Mode(NamedTuple):

@@ -36,6 +36,13 @@ class ModeShape:
     motion: FloatArray | None = None
     mass_kg: float = math.nan
 
+    @property
+    def solved_motion(self) -> FloatArray:
+        """The motion of a solved mode. Raises ValueError for another."""
+        if self.motion is None:
+            raise ValueError(f"of {self.name} only the deflection is known: solve its plate.")
+        return self.motion
+
     def __call__(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Same as `evaluate`."""
         return self.evaluate(points_mm)

@@ -100,22 +100,13 @@ def couplings(
     over = [
         np.einsum("nqi,q,n->ni", _values(inside[..., axis], degrees[axis]), weights, half[:, axis]) for axis in (0, 1)
     ]
-    height = np.broadcast_to(np.asarray(height_mm, np.float64), len(places_mm))
-    found = []
-    for shape in shapes:
-        if shape.motion is None:
-            raise ValueError(f"of {shape.name} only the deflection is known: solve its plate.")
-        turn_x, turn_y, along_x, along_y = (
-            np.einsum("ni,ij,nj->n", *around, optimize=True)
-            for around in (
-                (apart[0], shape.motion[0], over[1]),
-                (over[0], shape.motion[1], apart[1]),
-                (apart[0], shape.motion[2], over[1]),
-                (over[0], shape.motion[3], apart[1]),
-            )
-        )
-        found.append(along_x + along_y + height * (turn_x + turn_y))
-    return np.array(found)
+
+    def stretch(of_x: FloatArray, of_y: FloatArray) -> FloatArray:
+        across = np.einsum("ni,ij,nj->n", apart[0], of_x, over[1], optimize=True)
+        return np.asarray(across + np.einsum("ni,ij,nj->n", over[0], of_y, apart[1], optimize=True))
+
+    motions = [shape.solved_motion for shape in shapes]
+    return np.array([stretch(*motion[2:]) + np.asarray(height_mm) * stretch(*motion[:2]) for motion in motions])
 
 
 def _values(places: FloatArray, degree: int) -> FloatArray:

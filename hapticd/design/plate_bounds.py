@@ -110,8 +110,7 @@ def bounds(design: FeltDesign, q_factor: float) -> tuple[Bound, ...]:
 def stress_mpa(shape: ModeShape, thickness_mm: float, material: Material) -> float:
     """Return the largest principal stress in the plate's faces per um, peak to peak, of a mode, in the mean over cells
     of half the thickness: a plate theory holds over no less, and at a patch's corners stress has no bound."""
-    if shape.motion is None:
-        raise ValueError(f"of {shape.name} only the deflection is known: solve its plate.")
+    motion = shape.solved_motion
     counts = [max(round(2.0 * edge_mm / thickness_mm), 1) for edge_mm in shape.size_mm]
     cell_mm = [edge_mm / count for edge_mm, count in zip(shape.size_mm, counts, strict=True)]
     nodes = [
@@ -126,7 +125,7 @@ def stress_mpa(shape: ModeShape, thickness_mm: float, material: Material) -> flo
 
     nu, largest = material.poisson, 0.0
     for z_mm in (-thickness_mm / 2.0, thickness_mm / 2.0):
-        (xx, xy), (yx, yy) = (slopes(shape.motion[2 + axis] + z_mm * shape.motion[axis]) for axis in (0, 1))
+        (xx, xy), (yx, yy) = (slopes(motion[2 + axis] + z_mm * motion[axis]) for axis in (0, 1))
         mean, shear = (1.0 + nu) * np.abs(xx + yy) / 2.0, (1.0 - nu) * np.hypot((xx - yy) / 2.0, (xy + yx) / 2.0)
         largest = max(largest, float(np.max(mean + shear)))
     return material.young_gpa / (1.0 - nu**2) * largest * 1e3 * 0.5e-3  # GPa to MPa, half a um in mm
