@@ -3,15 +3,14 @@
 A thin patch on one face pulls at its edges with a force that is uniform along them, so that it drives a mode by what
 they move apart, and as a sensor gives charge in the same proportion (Crawley and de Luis, AIAA J. 25 (1987) 1373).
 These couplings, each as a share of the mode's best, are the drive and sense matrices up to a factor per mode. The
-patches that are chosen make the least singular value of the matrix large: in the worst direction of all modes together
-the amplifiers have to give least.
+patches that are chosen are those whose worst needs the least volts.
 
 Left out: the patch's own stiffness and mass in the shapes (`glued_plate` has them), wires, and the glue.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +22,6 @@ from .glued_plate import Patch
 from .mode_shape import ModeShape
 
 BoolArray = npt.NDArray[np.bool_]
-_Indices = npt.NDArray[np.intp]
 
 STEP_MM = 2.5  # between candidates along an edge
 _GAUSS_POINTS = 8  # per side of a patch, which is shorter than a wave
@@ -60,7 +58,7 @@ def place_patches(
     coupling = couplings(shapes, candidates_mm, patch_mm, height_mm)
     coupling /= np.max(np.abs(coupling), axis=1, keepdims=True)
     overlaps = overlapping(candidates_mm, np.broadcast_to(np.array(patch_mm), candidates_mm.shape))
-    chosen = _chosen(coupling, overlaps)
+    chosen = places_for_reach(coupling, overlaps)
     return PatchSet(candidates_mm[chosen], coupling[:, chosen])
 
 
@@ -122,49 +120,28 @@ def places_for_reach(per_volt_um: FloatArray, overlaps: BoolArray) -> list[int]:
     124), so all candidates are compared by products of rows.
     """
 
-    def best(chosen: list[int], place: int, tried: _Indices) -> int:
-        volts_per_um = np.linalg.inv(per_volt_um[:, chosen])
-        squares = volts_per_um @ volts_per_um.T
-        u = volts_per_um @ per_volt_um[:, tried]
-        u_j = np.where(np.abs(u[place]) < _SINGULAR, _SINGULAR, u[place])
-        share = u / u_j
-        rows = np.diag(squares)[:, None] + share * (share * squares[place, place] - 2.0 * squares[place][:, None])
-        rows[place] = squares[place, place] / u_j**2
-        return int(np.argmin(np.round(np.log(rows.max(axis=0)), 9)))
-
-    return _exchanged(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps, best)
+    chosen = _greedy(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps)
+    for _ in range(_ROUNDS):
+        before = list(chosen)
+        for place in range(len(chosen)):
+            tried = np.flatnonzero(~overlaps[chosen[:place] + chosen[place + 1 :]].any(axis=0))
+            volts_per_um = np.linalg.inv(per_volt_um[:, chosen])
+            squares = volts_per_um @ volts_per_um.T
+            u = volts_per_um @ per_volt_um[:, tried]
+            u_j = np.where(np.abs(u[place]) < _SINGULAR, _SINGULAR, u[place])
+            share = u / u_j
+            rows = np.diag(squares)[:, None] + share * (share * squares[place, place] - 2.0 * squares[place][:, None])
+            rows[place] = squares[place, place] / u_j**2
+            chosen[place] = int(tried[np.argmin(np.round(np.log(rows.max(axis=0)), 9))])
+        if chosen == before:
+            break
+    return chosen
 
 
 def overlapping(places_mm: FloatArray, patch_mm: FloatArray) -> BoolArray:
     """Return which patches, centres and sizes (n, 2), lie over which others (n, n)."""
     room_mm = (patch_mm[:, None] + patch_mm) / 2.0
     return np.asarray(np.all(np.abs(places_mm[:, None] - places_mm) < room_mm - 1e-9, axis=2))
-
-
-def _chosen(coupling: FloatArray, overlaps: BoolArray) -> list[int]:
-    """Return a candidate for each mode: those by which the weakest combination of modes is driven most."""
-
-    def best(chosen: list[int], place: int, tried: _Indices) -> int:
-        matrices = np.repeat(coupling[:, chosen].T[None], len(tried), axis=0)
-        matrices[:, place] = coupling[:, tried].T
-        return int(np.argmax(np.round(np.linalg.svd(matrices, compute_uv=False)[:, -1], 9)))
-
-    return _exchanged(coupling, overlaps, best)
-
-
-def _exchanged(coupling: FloatArray, overlaps: BoolArray, best: Callable[[list[int], int, _Indices], int]) -> list[int]:
-    """Return one candidate per mode: those of `_greedy`, then exchanges while one helps; `best` returns which of those
-    tried for a place is the best one there."""
-    chosen = _greedy(coupling, overlaps)
-    for _ in range(_ROUNDS):
-        before = list(chosen)
-        for place in range(len(chosen)):
-            others = chosen[:place] + chosen[place + 1 :]
-            tried = np.flatnonzero(~overlaps[others].any(axis=0))
-            chosen[place] = int(tried[best(chosen, place, tried)])
-        if chosen == before:
-            break
-    return chosen
 
 
 def _greedy(coupling: FloatArray, overlaps: BoolArray) -> list[int]:

@@ -24,6 +24,7 @@ from ..design.materials import MATERIALS
 from ..design.mode_choice import FeltTask
 from ..design.plate_bounds import Bound
 from ..sim.fingers.strokes import HALF_SIZE_MM
+from ..sim.plate.glasses import FARTHEST_HZ
 from ..sim.score import CONTACT_RADIUS_MM
 from . import plate_files
 
@@ -141,10 +142,14 @@ def _known_when(design: FeltDesign, study: Tolerances | None) -> list[str]:
     least = "what nine in ten copies give: --tolerances 200"
     if study is not None:
         least = f"{study.tenth_frac:.0%} of places or more for nine in ten who order it"
+    drive_hz = design.drive_hz
+    in_plane = design.plate.in_plane_hz((max(drive_hz - FARTHEST_HZ, 0.0), drive_hz + FARTHEST_HZ))
+    away_hz = min((abs(hz - drive_hz) for hz in in_plane), default=FARTHEST_HZ)
     off_hz = design.drive_hz * THICKNESS_MM / design.plate.thickness_mm
     return [
         f"certain before the order: {_plate_name(design.plate)}, where these are glued, families of modes such as "
         f"{families}; {least}",
+        f"modes in the plane, which patches move, too: {away_hz:.0f} Hz or more from the drive (computed)",
         f"only the scan decides: frequencies, {off_hz:.0f} Hz to either side of {design.drive_hz:.0f}, and which modes "
         "near the drive are used (`hapticd calibrate modes`)",
     ]

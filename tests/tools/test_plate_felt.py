@@ -47,7 +47,7 @@ def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: 
     assert "nC peak per um of a mode." in printed
     assert files["toml"].read_text().splitlines()[0] == f"# {printed.splitlines()[-1]}"
     truth = GroundTruth(PlateSettings.of(str(files["toml"])))
-    assert truth.w_limit_um == pytest.approx(best["limits_um"], rel=1e-2)
+    assert truth.w_limit_um == pytest.approx(best["limits_um"], rel=0.05)  # by the first mode's decay
     assert truth.nominal_detuning_rad_s / (2.0 * np.pi) + best["drive_hz"] == pytest.approx(best["frequency_hz"])
     points_mm = np.random.default_rng(1).uniform(-45.0, 45.0, (50, 2))
     np.testing.assert_allclose(
@@ -71,7 +71,7 @@ def test_a_plate_is_judged_with_the_patches_that_it_has(tmp_path: Path, capsys: 
     assert main([*SMALL, *patches, "--json", str(made)]) == 0
     (design,) = json.loads(made.read_text())["designs"]
     assert design["patches"] == [[-46.0, 0.0, 8.0, 8.0, 0.3], [0.0, 46.0, 8.0, 8.0, 0.3]]
-    assert 0.0 < design["felt_frac"] <= design["within_volts_frac"]
+    assert 0.0 <= design["felt_frac"] <= design["within_volts_frac"] <= 1.0
     assert "with 2 patches, driven at" in capsys.readouterr().out.splitlines()[-1]
 
 
@@ -80,7 +80,7 @@ def test_a_plate_is_judged_with_the_patches_that_it_has(tmp_path: Path, capsys: 
 def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = {name: tmp_path / f"{name}.json" for name in ("design", "motion")}
     glass = tmp_path / "glass.toml"
-    arguments = ["--size", "200x200", "--thickness", "3", "--modes", "4", "--drive", "29300..29450"]
+    arguments = ["--size", "200x200", "--thickness", "2", "--modes", "4", "--drive", "32600..32800"]
     outputs = ["--glass", str(glass), "--json", str(files["design"])]
     assert main(["plate", "--felt", *arguments, "--place", "20x10x0.3", *outputs]) == 0
     printed = capsys.readouterr().out
