@@ -17,10 +17,10 @@ from hapticd.sim.settings import Settings
 from hapticd.sim.world_tolerances import LEVELS
 from hapticd.tools import campaigns
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # fits of eight modes
 
 
-SECONDS, TOUCHING_S = 1.0, 12.0
+SECONDS, TOUCHING_S = 1.0, 8.0
 
 
 @pytest.fixture(scope="module")
