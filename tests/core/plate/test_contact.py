@@ -34,7 +34,7 @@ def test_an_uncertain_disc_is_the_mean_over_the_places_where_it_may_be(modes: Mo
         contact_grams(modes, [(12.0, -30.0)], radius_mm)[0]
         for radius_mm in (5.0, 5.0 * growth(sigma_mm**2, (5.0, 0.0, 5.0)))
     )
-    assert np.abs(grown - expected).max() < 0.3 * np.abs(certain - expected).max()
+    assert np.abs(grown - expected).max() < 0.4 * np.abs(certain - expected).max()
 
 
 def test_points_and_radii_of_another_form_are_refused_in_one_sentence(modes: ModeShapes) -> None:

