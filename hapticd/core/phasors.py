@@ -1,5 +1,3 @@
-"""Modal amplitudes and mode shapes: their types."""
+"""Modal amplitudes: their type."""
 
 Phasors = tuple[complex, ...]  # modal amplitudes (M,) in um
-ModeRow = tuple[float, ...]  # shapes of all modes at one finger, or real modal amplitudes
-ModeRows = tuple[ModeRow, ...]

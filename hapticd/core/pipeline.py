@@ -38,7 +38,7 @@ from .friction import FrictionCurve
 from .phasors import Phasors
 from .plate.mode_shapes import ModeShapes
 from .solver.felt_descent import COLD
-from .solver.instant import InstantSolver, PointSolver
+from .solver.instant import InstantSolver
 from .solver.reach import LEAST_CALLS, ReachSearch
 from .targets.scene import Scene
 from .touch.contact_ellipse import EllipseScale
@@ -62,6 +62,8 @@ _TOUCHED_NS: Final = 3_000.0  # of a finger that is down: its report and its eve
 _PLACE_NS: Final = 2_000.0  # of a finger at one instant: its prediction and its own target
 _LAYER_WAY_NS: Final = 1_500.0  # of a layer on a finger's way
 _LAYER_PLACE_NS: Final = 300.0  # of a layer at one of its places
+_SOLVE_NS: Final = 5_000.0  # of one solve, and for each finger and mode: one and a half times its time in a row
+_SOLVE_EACH_NS: Final = 550.0  # the first one from silence takes COLD times as long
 _EFFECT_NS: Final = 250.0  # of an effect that is felt, at one place, or may start, in a pass
 
 
@@ -74,7 +76,7 @@ class PipelineSettings:
     `frame_duration_ns` is how long one frame must last: one and a half report periods, to
     bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
     may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
-    reference late. `solve` takes the place of all rules for points.
+    reference late.
     """
 
     w_limit_um: tuple[float, ...]
@@ -89,7 +91,7 @@ class PipelineSettings:
     loop_delay_ns: int = 0
     frame_duration_ns: int = 17_000_000
     silence_ns: int = 40_000_000
-    solve: PointSolver | None = None
+    make_solver: Callable[..., InstantSolver] = InstantSolver
 
 
 class PassTimes:
@@ -126,12 +128,11 @@ class Pipeline:
         self._effects = scene.effects
         self._frame_duration_ns = settings.frame_duration_ns
         self.set_knot_limits(settings.max_knots, settings.effect_knots)
-        self._solver = InstantSolver(
+        self._solver = settings.make_solver(
             modes,
             settings.w_limit_um,
             contact_radius_mm=settings.contact_radius_mm,
             friction_curve=scene.friction_curve,
-            solve=settings.solve,
         )
         self.budget_frac = 1.0  # of the time that a pass may take: less on a slow machine
         self._fingers = Fingers(
@@ -241,7 +242,7 @@ class Pipeline:
             effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
         priorities = self._scene.priorities(keys)
         kept, most_solves = allot(
-            *(self._scene, self._solver, keys, priorities, len(self._fingers.down), BUDGET_NS * self.budget_frac),
+            *(self._scene, self.modes.M, keys, priorities, len(self._fingers.down), BUDGET_NS * self.budget_frac),
             is_silent=self._active.is_silent,
         )
         if len(kept) < len(keys):
@@ -315,7 +316,7 @@ class Pipeline:
         requested = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns)
         others = [one for one in requested if one != key]
         keys = others if key is None else [*others, key]
-        cost_ns = 1.5 * self._solver.cost_ns(len(others) + 1)  # what each gives is judged too, in half the time
+        cost_ns = 1.5 * _solve_ns(len(others) + 1, self.modes.M)  # what each gives is judged too, in half the time
         calls = int(BUDGET_NS * self.budget_frac / cost_ns)
         if calls < LEAST_CALLS:
             raise ValueError(f"{len(keys)} fingers on the plate are too many to compute it in the time of a pass.")
@@ -349,7 +350,7 @@ class Pipeline:
 
 def allot(
     scene: Scene,
-    solver: InstantSolver,
+    modes: int,
     keys: list[FingerKey],
     priorities: list[int],
     touched: int,
@@ -370,14 +371,18 @@ def allot(
         if scene.target_of(keys[n]) is None:
             place_ns += _LAYER_PLACE_NS * layers
             finger_ns += way_ns
-        cost_ns = solver.cost_ns(count + 1)
+        cost_ns = _solve_ns(count + 1, modes)
         then_solve_ns = places_ns + place_ns + cost_ns
         if count > 0 and fixed_ns + finger_ns + cold * cost_ns + LEAST_SOLVES * then_solve_ns > budget_ns:
             break
         fixed_ns, places_ns, solve_ns, count = fixed_ns + finger_ns, places_ns + place_ns, then_solve_ns, count + 1
-    solves = int((budget_ns - fixed_ns - cold * solver.cost_ns(count)) / solve_ns)
+    solves = int((budget_ns - fixed_ns - cold * _solve_ns(count, modes)) / solve_ns)
     kept = keys if count == len(keys) else [keys[n] for n in sorted(ordered[:count])]  # the solver keeps weights by it
     return kept, max(solves, LEAST_SOLVES)
+
+
+def _solve_ns(fingers: int, modes: int) -> float:
+    return _SOLVE_NS + _SOLVE_EACH_NS * fingers * modes
 
 
 def _ellipse_scale(scale: float, offset_mm: float) -> EllipseScale | None:

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..config import Config
-from ..core.phasors import ModeRow, ModeRows
 from ..core.pipeline import PipelineSettings
 from ..core.solver import solve
-from ..core.solver.instant import clamped
+from ..core.solver.instant import AskedPlace, InstantSolver, ModalSolution, clamped
 from ..core.touch.fingers import FingerPredictor
 from ..daemon.settings import pipeline_settings
+
+ModeRow = tuple[float, ...]  # shapes of all modes at one finger, or real modal amplitudes
+ModeRows = tuple[ModeRow, ...]
 
 
 class SampleHold(FingerPredictor):
@@ -44,7 +47,7 @@ def paper_pipeline(config: Config) -> PipelineSettings:
     return replace(
         pipeline_settings(config),
         make_predictor=SampleHold,
-        solve=invert,
+        make_solver=InverseSolver,
         contact_radius_mm=0.0,
         max_knots=1,
     )
@@ -53,6 +56,17 @@ def paper_pipeline(config: Config) -> PipelineSettings:
 def paper_config(config: Config) -> Config:
     """Return the configuration of board and daemon under the paper's scheme: its plain PI law."""
     return replace(config, device=replace(config.device, controller="pi"))
+
+
+class InverseSolver(InstantSolver):
+    """The solver of the paper's scheme: `invert`, which needs nothing but places."""
+
+    def solve(self, places: list[AskedPlace], *_: Any, **__: Any) -> ModalSolution:
+        """The solution for these places, with real amplitudes."""
+        rows = tuple(map(tuple, self._modes.evaluate([place[:2] for place in places]).tolist()))
+        modal_um, limited = invert(rows, tuple([target_um for _, _, target_um in places]), self._w_limit_um)
+        got_um = [abs(sum([phi * w_um for phi, w_um in zip(row, modal_um, strict=True)])) for row in rows]
+        return ModalSolution(places, got_um, tuple(map(complex, modal_um)), limited)
 
 
 def invert(rows: ModeRows, targets: ModeRow, limits: ModeRow) -> tuple[ModeRow, bool]:

@@ -22,7 +22,7 @@ from pipeline_bench import (
 
 from hapticd.core.solver import solve
 from hapticd.core.solver.instant import DERATING_MM2_UM2, LEAST_SHARE
-from hapticd.sim.paper_scheme import invert
+from hapticd.sim.paper_scheme import InverseSolver
 from hapticd.values import LinkTiming
 from hapticd_contract.contents import Amplitude, Grating
 from hapticd_contract.surfaces import VirtualPath
@@ -204,7 +204,7 @@ def test_a_virtual_finger_takes_part_where_it_will_be(bench: Bench) -> None:
 
 
 def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
-    ours, paper = Bench(max_knots=2), Bench(max_knots=2, solve=invert)
+    ours, paper = Bench(max_knots=2), Bench(max_knots=2, make_solver=InverseSolver)
     largest = {}
     for name, bench in (("ours", ours), ("paper", paper)):
         path = VirtualPath(((-30.0, 3.0), (-10.0, 3.0)), 100.0, loop=False)  # crosses a singular position

@@ -19,7 +19,6 @@ enum { COLD = 9 };                         /* times as many iterations from sile
 static const double PAST_FRAC = 0.1;       /* 0.2 makes larger steps */
 static const double STAY_FRAC = 0.03;      /* of the mean curvature: keeps W where directions are nearly equal */
 static const double RIDGE_FRAC = 0.3;      /* of what keeps W, drawn to 0 where it is within half of the limits */
-static const double HOLD_FRAC = 1.0;       /* of the mean curvature, by which W is drawn towards what no still finger feels */
 static const double INDEPENDENT = 1e-12;   /* of a row: what the others must leave of it */
 static const double TINY_UM = 1e-9;
 static const double UNCERTAIN_FRAC = 0.01; /* of a mode's amplitude: map, gain and sensor together */
@@ -177,7 +176,7 @@ INLINE void sweep(problem_t *p, const Py_ssize_t modes)
     pair_t w_um[MOST_MODES], pull[MOST_MODES];
     for (Py_ssize_t k = 0; k < modes; k++)
         mean += p->curvature[k][k] / (double)modes;
-    const double stay = (p->still > 0 ? HOLD_FRAC : STAY_FRAC) * mean;
+    const double stay = p->still > 0 ? mean : STAY_FRAC * mean; /* drawn towards what no still finger feels, or to where it is */
     for (Py_ssize_t k = 0; k < modes; k++) {
         const double own = (1.0 + p->uncertain) * p->curvature[k][k] + stay;
         shares[k] = own > 0.0 ? (1.0 + PAST_FRAC) / own : 0.0;
@@ -337,28 +336,16 @@ static double share_within(const problem_t *p, const pair_t *to_um)
     return share;
 }
 
-/* Takes from W what still fingers feel, and what no finger does where the limits allow it, and scales it into these. Then
- * W moves, as far as they allow, to the least amplitudes that give slipping fingers of independent rows what is asked, in
- * the phases that they have. */
+/* Takes from W what still fingers feel, and scales it into the limits. Then W moves, as far as they allow, to the least
+ * amplitudes that give slipping fingers of independent rows what is asked, in the phases that they have. */
 static void free_amplitudes(problem_t *p)
 {
     const Py_ssize_t modes = p->modes;
     pair_t to_um[MOST_MODES] = {{0.0, 0.0}};
     leave_still(p, p->w_um);
-    for (Py_ssize_t row = 0; row < p->moved; row++) {
-        const double *unit = &p->moved_rows[row * modes];
-        pair_t along_um = {0.0, 0.0};
-        for (Py_ssize_t k = 0; k < modes; k++)
-            along_um += unit[k] * p->w_um[k];
-        for (Py_ssize_t k = 0; k < modes; k++)
-            to_um[k] += along_um * unit[k];
-    }
-    if (largest_of(p, to_um) <= INSIDE)
-        memcpy(p->w_um, to_um, sizeof to_um);
     scale_inside(p);
     if (p->moved < p->slipping)
         return;
-    memset(to_um, 0, sizeof to_um);
     for (Py_ssize_t finger = 0, row = 0; row < p->moved; finger++) {
         const double *own = &p->rows[finger * modes], *unit = &p->moved_rows[row * modes];
         pair_t missed_um = {0.0, 0.0}, w_um = {0.0, 0.0};
@@ -397,11 +384,23 @@ static void measure(problem_t *p)
     }
 }
 
+/* Shortens the way of W to at most so much in any mode. Limits hold on the whole way, because they are discs. */
+static void step_towards(problem_t *p, const pair_t *before_um, double most_um)
+{
+    double largest_um = 0.0;
+    for (Py_ssize_t k = 0; k < p->modes; k++)
+        largest_um = fmax(largest_um, length(p->w_um[k] - before_um[k]));
+    for (Py_ssize_t k = 0; k < p->modes && largest_um > most_um; k++)
+        p->w_um[k] = before_um[k] + most_um / largest_um * (p->w_um[k] - before_um[k]);
+}
+
 /* Moves W and the weights by so many iterations; by none the errors are those of W as it is. Returns whether some mode is
  * at its limit while a finger feels that it misses its target. */
-static int descend_for(problem_t *p, Py_ssize_t iterations)
+static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
 {
+    pair_t before_um[MOST_MODES];
     double most_um = 0.0;
+    memcpy(before_um, p->w_um, sizeof before_um);
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
         most_um = fmax(most_um, p->targets_um[finger]);
     if (largest_of(p, p->w_um) == 0.0 && iterations > 0) { /* from all modes alike, so that no pattern of signs is preferred */
@@ -428,24 +427,15 @@ static int descend_for(problem_t *p, Py_ssize_t iterations)
     } else if (p->is_point) {
         free_amplitudes(p);
     }
+    int misses = 0, is_at_limit = largest_of(p, p->w_um) >= AT_LIMIT_FRAC;
+    step_towards(p, before_um, most_step_um);
     measure(p);
-    int misses = 0;
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
         if (p->is_point) /* a noticeable difference, of amplitudes */
             p->errors[finger] = (p->contact_rms_um[finger] / fmax(p->targets_um[finger], TINY_UM) - 1.0) / WEBER_FRAC;
         misses = misses || fabs(p->errors[finger]) > MISSED_JND;
     }
-    return misses && largest_of(p, p->w_um) >= AT_LIMIT_FRAC;
-}
-
-/* Shortens the way of W to at most so much in any mode. Limits hold on the whole way, because they are discs. */
-static void step_towards(problem_t *p, const pair_t *before_um, double most_um)
-{
-    double largest_um = 0.0;
-    for (Py_ssize_t k = 0; k < p->modes; k++)
-        largest_um = fmax(largest_um, length(p->w_um[k] - before_um[k]));
-    for (Py_ssize_t k = 0; k < p->modes && largest_um > most_um; k++)
-        p->w_um[k] = before_um[k] + most_um / largest_um * (p->w_um[k] - before_um[k]);
+    return misses && is_at_limit;
 }
 
 /* --- Python's arrays ------------------------------------------------------------------------------------------------- */
@@ -479,16 +469,13 @@ static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_
     p.gains = fingers + 4 * n, p.log_weights = fingers + 5 * n, p.errors = fingers + 6 * n, p.contact_rms_um = fingers + 7 * n;
     p.full_um = curve[0], p.least = curve[1];
     p.starts_um = curve + 2, p.origins_um = p.starts_um + p.pieces, p.rates_1_um = p.origins_um + p.pieces;
-    pair_t before_um[MOST_MODES];
     for (Py_ssize_t k = 0; k < m; k++) {
         const Py_complex w_um = PyComplex_AsCComplex(PyTuple_GET_ITEM(modal, k));
-        p.w_um[k] = before_um[k] = (pair_t){w_um.real, w_um.imag};
+        p.w_um[k] = (pair_t){w_um.real, w_um.imag};
     }
     PyObject *answer = NULL;
     if (!PyErr_Occurred()) {
-        const int limited = descend_for(&p, iterations);
-        step_towards(&p, before_um, most_step_um);
-        measure(&p);
+        const int limited = descend_for(&p, iterations, most_step_um);
         PyObject *moved = PyTuple_New(m);
         for (Py_ssize_t k = 0; k < m && moved != NULL; k++)
             PyTuple_SET_ITEM(moved, k, PyComplex_FromDoubles(p.w_um[k][0], p.w_um[k][1]));

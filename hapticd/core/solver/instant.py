@@ -44,15 +44,15 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable
 from struct import Struct
 from typing import Final
 
 import numpy as np
+from mypy_extensions import mypyc_attr
 
 from ...values import FloatArray
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from ..phasors import ModeRow, ModeRows, Phasors
+from ..phasors import Phasors
 from ..plate.bicubic import POINT
 from ..plate.contact import SOLVED_DISC, ContactEllipse
 from ..plate.mode_shapes import ModeShapes
@@ -61,7 +61,6 @@ from .felt_descent import descend
 
 Pair = tuple[float, float]
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
-PointSolver = Callable[[ModeRows, ModeRow, ModeRow], tuple[ModeRow, bool]]  # rows, targets_um, limits_um: W, `limited`
 
 ITERATIONS: Final = 7  # of a call
 FIRST: Final = (0.7, 0.9)  # frictions from which on errors count in full where not all can be had: in part, altogether
@@ -94,12 +93,12 @@ class ModalSolution:
         self.limited: Final = limited
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)  # the paper's, in the simulation
 class InstantSolver:
     """Solver of one plate.
 
     `contact_radius_mm`: fingers are discs of it where their ellipses are not known, points if it is 0; `friction_curve`
-    is what they feel. `derates`: amplitude gives way in the paper's case. `solve` takes the place of all rules for
-    points.
+    is what they feel. `derates`: amplitude gives way in the paper's case.
     """
 
     def __init__(
@@ -110,7 +109,6 @@ class InstantSolver:
         contact_radius_mm: float = 0.0,
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
         derates: bool = True,
-        solve: PointSolver | None = None,
     ) -> None:
         self.limits_um: Final = np.array(w_limit_um) * WIRE_FRAC
         self.contact_radius_mm: Final = contact_radius_mm
@@ -121,13 +119,7 @@ class InstantSolver:
         self._disc: Final = np.array(SOLVED_DISC) if self.has_contacts else POINT
         self._weights: Final = self._disc[:, 2].copy()
         self._derates: Final = derates
-        self._solve: Final = solve
         self._log_weights: list[float] = []
-
-    def cost_ns(self, fingers: int) -> float:
-        """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code: one and a
-        half times its time in a row. The first one from silence takes COLD times as long."""
-        return 5_000.0 + 550.0 * fingers * len(self._w_limit_um)
 
     def solve(
         self,
@@ -142,8 +134,6 @@ class InstantSolver:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
         `variances_mm2` (N,) of each place on each axis, `speed_gains` (N,), the gains of the amplitude that each finger
         needs as it slides, `priorities` (N,), and `ellipses` (N,) where they are known."""
-        if self._solve is not None and not self.has_contacts:
-            return self._solve_by(self._solve, places)
         solution = None if self.has_contacts else self._solve_two(places, previous_um)
         if solution is not None:
             return solution
@@ -211,13 +201,6 @@ class InstantSolver:
         got_um = [0.0, 0.0]
         got_um[moved], got_um[held] = abs(_along(slipping, modal_um)), abs(_along(still, modal_um))
         return ModalSolution(places, got_um, turned(modal_um, phase, limits_um), limited)
-
-    def _solve_by(self, solve: PointSolver, places: list[AskedPlace]) -> ModalSolution:
-        """The solution by another rule for points, with real amplitudes."""
-        rows = tuple(map(tuple, self._modes.evaluate([place[:2] for place in places]).tolist()))
-        modal_um, limited = solve(rows, tuple([target_um for _, _, target_um in places]), self._w_limit_um)
-        got_um = [abs(sum([phi * w_um for phi, w_um in zip(row, modal_um, strict=True)])) for row in rows]
-        return ModalSolution(places, got_um, tuple(map(complex, modal_um)), limited)
 
 
 def _along(row: Pair, modal_um: Pair) -> float:

@@ -19,26 +19,21 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import FloatArray, Solution
-from ..friction import DEFAULT_FRICTION_CURVE
+from ..friction import DEFAULT_FRICTION_CURVE as CURVE
 from .felt_descent import descend
 from .instant import SAFE, clamped, finger_table, hold_still
 
-ROUNDS, ITERATIONS = 60, 200  # of a descent
+OF_POINTS, OF_CONTACTS = 4000, 84  # iterations of a descent, from anywhere
 MOST_PATTERNS = 16  # of signs
-SETTLED = 1e-12  # of the largest amplitude that is asked for: less changes nothing
 EQUAL_ERROR, EQUAL_NORM = 1e-9, 1e-6  # of squares: solutions that differ by less are equals
 MISSED = 1e-6  # of a target: a finger that lacks more than this does not get it
 MOST_REACH = 1e3  # a target so many times out of reach acts like any farther one
 FAR = 1e12  # times what is asked for: amplitudes beyond act like it
-NOISE = 1e-12  # of the largest shape
+NOISE = 1e-12  # of an even pattern's amplitudes
 MOST_MODES = 8  # of a descent
-SETTLING = 84  # iterations of a contact's descent, from anywhere
-CURVE = DEFAULT_FRICTION_CURVE
-
-__all__ = ["solve", "solve_batch"]
 
 
-@np.errstate(over="ignore", under="ignore", invalid="ignore")
+@np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore")
 def solve(
     phi: npt.ArrayLike,
     target_um: npt.ArrayLike,
@@ -56,15 +51,12 @@ def solve(
     not positive.
     """
     shapes, targets, limits, previous = _checked_all(phi, target_um, limit_um, previous_um)
-    sizes = np.maximum(np.abs(shapes).max(axis=1, initial=0.0), sys.float_info.min)
-    size = sizes.max(initial=0.0)
-    singular = np.linalg.svd(shapes / (size or 1.0), compute_uv=False)
-    condition = 1.0 if len(shapes) == 0 else math.inf if singular[-1] == 0.0 else float(singular[0] / singular[-1])
+    condition = float(np.linalg.cond(shapes)) if shapes.size else 1.0
     if gram is not None and targets.any():
         grams = _checked("gram", gram, (*shapes.shape, shapes.shape[1]))
-        if not np.allclose(grams, shapes[:, :, None] * shapes[:, None, :], rtol=NOISE, atol=0.0):
-            return Solution(*_solved_contacts(grams, targets, limits, previous), condition)
+        return Solution(*_solved_contacts(grams, targets, limits, previous), condition)
     modal, limited = _solved_points(shapes, targets, limits, previous)
+    sizes = np.maximum(np.abs(shapes).max(axis=1, initial=0.0), sys.float_info.min)
     achieved = np.minimum(np.abs(shapes / sizes[:, None] @ modal) * sizes, sys.float_info.max)
     return Solution(modal, achieved, limited, condition)
 
@@ -86,10 +78,9 @@ def solve_batch(
 
 @np.errstate(over="ignore", under="ignore", invalid="ignore")
 def _solved_points(
-    shapes: FloatArray, targets: FloatArray, limits: FloatArray, previous: FloatArray | None
+    shapes: FloatArray, targets: FloatArray, limits: FloatArray, near: FloatArray
 ) -> tuple[FloatArray, bool]:
     modes, slips = len(limits), targets > 0.0
-    near = np.zeros(modes) if previous is None else previous
     if len(shapes) == 2 == modes and slips.sum() == 1 and shapes[~slips].any():
         (row,), (still,), (x_um, y_um) = shapes[slips].tolist(), shapes[~slips].tolist(), limits.tolist()
         before = complex(clamped(near[0], SAFE)), complex(clamped(near[1], SAFE))
@@ -108,65 +99,62 @@ def _solved_points(
     wanted = np.where(slips, np.clip(asked, 1.0 / SAFE, most), 0.0)  # where it underflows
     box = np.clip(limits / top / unit, 1.0 / FAR, FAR)
     near = np.clip(near / top, -unit * FAR, unit * FAR) / unit
-    found = np.array([_descended(rows, wanted, box, start) for start in _starts(rows, wanted, near)])
+    fingers = array("d", [*wanted, *[1.0] * (7 * len(wanted))])
+    starts = _starts(rows, wanted, near)
+    found = np.array([_descended(rows[:, None], fingers, box, start, OF_POINTS) for start in starts])
     errors = np.sum((np.abs(found @ rows.T) - wanted) ** 2, axis=1)
     best = found[errors <= errors.min() + EQUAL_ERROR * wanted @ wanted]
     norms = np.sum(best**2, axis=1)
     best = best[norms <= norms.min() * (1.0 + EQUAL_NORM)]
     best *= np.copysign(1.0, best @ near)[:, None]  # alike for every finger
     modal = best[np.argmin(np.sum((best - near) ** 2, axis=1))]
-    is_missed = bool(np.any(np.abs(np.abs(rows @ modal) - asked)[slips] > MISSED * asked[slips]))
-    limited = is_missed and bool(np.any(np.abs(modal) >= (1.0 - MISSED) * box))
+    limited = _is_limited(modal, np.abs(rows @ modal), asked, box)
     return np.array([clamped(w, limit) for w, limit in zip(modal * unit * top, limits, strict=True)]), limited
 
 
 def _starts(rows: FloatArray, wanted: FloatArray, near: FloatArray) -> list[FloatArray]:
     """Return the present amplitudes, if there are any, those that serve each slipping finger alone, and those that are
     best within no limits, for patterns of signs."""
-    slips, inverse = np.flatnonzero(wanted), np.linalg.pinv(rows)
-    starts = [near] * bool(near.any()) + list(rows[slips] * wanted[slips, None])
-    for signs in itertools.islice(itertools.product((1.0, -1.0), repeat=len(slips) - 1), MOST_PATTERNS):
-        signed = wanted.copy()
-        signed[slips[1:]] *= signs
-        starts.append(inverse @ signed)
-    return starts
+    slips = np.flatnonzero(wanted)
+    inverse, patterns = np.linalg.pinv(rows)[:, slips], itertools.product((1.0, -1.0), repeat=len(slips))
+    different = itertools.islice(patterns, min(2 ** len(slips) // 2, MOST_PATTERNS))
+    starts = [near, *rows[slips] * wanted[slips, None], *[inverse @ (signs * wanted[slips]) for signs in different]]
+    return [np.clip(start, -SAFE, SAFE) for start in starts if start.any()]
 
 
-def _descended(rows: FloatArray, wanted: FloatArray, box: FloatArray, start: FloatArray) -> FloatArray:
-    """Return the real amplitudes, within the box, where the descent from a start settles."""
-    fingers, shapes, most = array("d", [*wanted, *[1.0] * (7 * len(wanted))]), rows.tobytes(), np.abs(start).max()
-    modal = tuple(map(complex, start / most * min(most, SAFE) if most > 0.0 else box))
-    for _ in range(ROUNDS):
-        before = modal
-        modal, _ = descend(shapes, np.ones(1), fingers, CURVE.table, box, modal, ITERATIONS, math.inf)
-        if np.abs(np.subtract(modal, before)).max() <= SETTLED:
-            break
-    return np.real(modal)
+def _descended(
+    shapes: FloatArray, fingers: array[float], limits: FloatArray, start: FloatArray, iterations: int
+) -> FloatArray:
+    """Return the real amplitudes, within the limits, where the descent from a start settles, for the shapes (N, Q, M)
+    at the points of contacts; a real start stays real."""
+    weights = np.full(shapes.shape[1], 1.0 / shapes.shape[1])
+    given = shapes.tobytes(), weights, fingers, CURVE.table, limits, tuple(map(complex, start))
+    return np.real(descend(*given, iterations, math.inf)[0])
+
+
+def _is_limited(modal: FloatArray, got: FloatArray, targets: FloatArray, limits: FloatArray) -> bool:
+    is_missed = np.abs(got - targets) > MISSED * targets
+    return bool(is_missed[targets > 0.0].any() and (np.abs(modal) >= (1.0 - MISSED) * limits).any())
 
 
 def _solved_contacts(
-    grams: FloatArray, targets: FloatArray, limits: FloatArray, previous: FloatArray | None
+    grams: FloatArray, targets: FloatArray, limits: FloatArray, near: FloatArray
 ) -> tuple[FloatArray, FloatArray, bool]:
-    """Solve for contacts with real amplitudes: a real start stays real, as are those in which slipping contacts differ
-    most from the others. A Gram matrix is that of M points: its eigenvectors, mixed by a cosine transform, so that an
-    even vibration is even at the points too."""
-    fingers, modes = len(grams), len(limits)
+    """Solve for contacts, from the amplitudes in which slipping ones differ most from the others. A Gram matrix is that
+    of M points: its eigenvectors, mixed by a cosine transform, so that an even vibration is even at the points too."""
+    fingers, modes = grams.shape[:2]
     sizes, vectors = np.linalg.eigh(grams)
     mixed = np.cos(np.pi / modes * np.outer(np.arange(modes) + 0.5, np.arange(modes)[::-1])) * math.sqrt(2.0)
     mixed[:, -1] = 1.0  # of the largest one, the last
-    shapes = np.einsum("qj,nj,nkj->nqk", mixed, np.sqrt(np.maximum(sizes, 0.0)), vectors).tobytes()
-    weights, slips, found = np.full(modes, 1.0 / modes), targets > 0.0, []
+    shapes, slips = np.einsum("qj,nj,nkj->nqk", mixed, np.sqrt(np.maximum(sizes, 0.0)), vectors), targets > 0.0
     _, contrasts = np.linalg.eigh(grams[slips].sum(axis=0) - grams[~slips].sum(axis=0))
     starts = [contrast * np.min(limits / np.maximum(np.abs(contrast), NOISE)) for contrast in contrasts.T]
-    for start in [*([previous] if previous is not None and previous.any() else []), *starts]:
-        table = finger_table(CURVE, targets.tolist(), [0.0] * fingers, [1.0] * fingers, [0] * fingers)
-        modal = tuple(map(complex, start))
-        modal, limited = descend(shapes, weights, table, CURVE.table, limits, modal, SETTLING, math.inf)
-        within = [clamped(w.real, limit) for w, limit in zip(modal, limits.tolist(), strict=True)]
-        got = table[7 * fingers :].tolist()
-        found.append((float(np.abs(np.array(got) - targets).max()), within, got, limited))
-    _, within, got, limited = min(found)
-    return np.array(within), np.array(got), limited
+    table = finger_table(CURVE, targets.tolist(), [0.0] * fingers, [1.0] * fingers, [0] * fingers)
+    starts = [start for start in (near, *starts) if start.any()]
+    found = np.array([_descended(shapes, table[:], limits, start, OF_CONTACTS) for start in starts])
+    got = np.sqrt(np.maximum(np.einsum("sk,nkl,sl->sn", found, grams, found), 0.0))
+    best = np.argmin(np.abs(got - targets).max(axis=1))
+    return found[best], got[best], _is_limited(found[best], got[best], targets, limits)
 
 
 def _checked_all(
@@ -175,7 +163,7 @@ def _checked_all(
     limit_um: npt.ArrayLike,
     previous_um: npt.ArrayLike | None,
     axes: int = 2,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     shapes = _checked("phi", phi, (None,) * axes)
     fingers, modes = shapes.shape[-2:]
     if not 1 <= modes <= MOST_MODES:
@@ -186,7 +174,12 @@ def _checked_all(
     limits = _checked("limit_um", [limit_um] * modes if isinstance(limit_um, (float, int)) else limit_um, (modes,))
     if not (limits > 0.0).all():
         raise ValueError("limit_um: every limit must be greater than 0.")
-    return shapes, targets, limits, None if previous_um is None else _checked("previous_um", previous_um, (modes,))
+    return (
+        shapes,
+        targets,
+        limits,
+        _checked("previous_um", [0.0] * modes if previous_um is None else previous_um, (modes,)),
+    )
 
 
 def _checked(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
