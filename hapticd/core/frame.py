@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 from ..values import FingerKey, Knot, SafeDrive, TouchPoint
 from .phasors import Phasors
@@ -51,20 +51,13 @@ class PipelineCounters:
     skipped_standing: int = 0
 
 
-class DrivenFingers:
+class DrivenFingers(NamedTuple):
     """The fingers that take part in a pass, the priority of each, and the ellipses of their contacts: None where all
     are discs, or points."""
 
-    def __init__(
-        self, keys: list[FingerKey], priorities: list[int], ellipses: list[ContactEllipse | None] | None
-    ) -> None:
-        self.keys: Final = keys
-        self.priorities: Final = priorities
-        self.ellipses: Final = ellipses
-
-    def are(self, others: DrivenFingers) -> bool:
-        """Return whether these are the same, as they were."""
-        return self.keys == others.keys and self.priorities == others.priorities and self.ellipses == others.ellipses
+    keys: list[FingerKey]
+    priorities: list[int]
+    ellipses: list[ContactEllipse | None] | None
 
 
 NO_FINGERS: Final = DrivenFingers([], [], None)
@@ -79,25 +72,16 @@ class FingerTargets:
         self.speed_gains: Final = speed_gains
 
 
-class FramePlan:
+class FramePlan(NamedTuple):
     """A frame before it is solved: for whom, from when on the plate, how long, with how many knots by how many solves,
     and the corners of effects in it."""
 
-    def __init__(
-        self,
-        fingers: DrivenFingers,
-        t_ns: int,
-        span_ns: int,
-        most_knots: int,
-        most_solves: int,
-        corners_ns: list[int],
-    ) -> None:
-        self.fingers: Final = fingers
-        self.t_ns: Final = t_ns
-        self.span_ns: Final = span_ns
-        self.most_knots: Final = most_knots
-        self.most_solves: Final = most_solves
-        self.corners_ns: Final = corners_ns
+    fingers: DrivenFingers
+    t_ns: int
+    span_ns: int
+    most_knots: int
+    most_solves: int
+    corners_ns: list[int]
 
 
 class KnotPlanner:
@@ -376,7 +360,7 @@ class ActiveReference:
 
     def has_settled(self, fingers: DrivenFingers, t_apply_ns: int) -> bool:
         """Return whether it is for these fingers, and no longer changes: it may hold on."""
-        return self.is_sent and t_apply_ns >= self._t_settled_ns and fingers.are(self.fingers)
+        return self.is_sent and t_apply_ns >= self._t_settled_ns and fingers == self.fingers
 
     def still_holds(self, plan: FramePlan, begin: list[AskedPlace], end: list[AskedPlace], most_knots: int) -> bool:
         """Return whether it, having settled, still holds: from a frame's beginning to its end the fingers stay where

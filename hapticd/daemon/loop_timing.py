@@ -12,14 +12,13 @@ PAUSE_NS: Final = 1_000_000  # of Python's collector: longer ones are counted
 
 @dataclass(slots=True)
 class LoopTiming:
-    """A report's age when it was read, from its reading to its pass, the pass with all that
-    follows it, from reading to the written frame, the timer, and the pauses of Python's collector. The age is only
-    known while a finger is down.
+    """Histograms of the parts of a report's way, and counters of what was late.
 
-    `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
-    loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS; `overruns` are
-    passes that took more than `OVERRUN_NS` of the processor, `throttled` the sleeps of a loop that was too
-    busy.
+    `read_age` is a report's age when it was read, known only while a finger is down; `wait` from its reading to its
+    pass; `compute` the pass with all that follows it; `wire` from reading to the written frame. `joined_reports` came
+    to a pass together with a newer one; `missed_ticks` of the timer were due while the loop was busy, and are skipped,
+    not made up for; `pauses` are those of Python's collector above PAUSE_NS; `overruns` are passes of more than
+    `OVERRUN_NS` of the processor, `throttled` the sleeps of a loop that was too busy.
     """
 
     read_age: Histogram = field(default_factory=Histogram)

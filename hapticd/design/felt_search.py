@@ -97,8 +97,8 @@ class FeltDesign:
     @property
     def reach_um(self) -> tuple[float, ...]:
         """Each mode's limit at resonance with the same volts."""
-        stretch = np.abs(self.driven.stiffness_1_s(self.drive_hz)) / self.driven.decay_1_s
-        return tuple((np.array(self.limits_um) * stretch).tolist())
+        resonance_gain = np.abs(self.driven.stiffness_1_s(self.drive_hz)) / self.driven.decay_1_s
+        return tuple((np.array(self.limits_um) * resonance_gain).tolist())
 
     @property
     def farthest_hz(self) -> float:

@@ -16,7 +16,7 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.touch.contact_ellipse import LEAST_MM, MOST_MM
 from ..daemon.settings import has_contacts, plate_from_pad
 from ..design.touch.contacts import KNOWN_MM, contact_sizes, ellipse_law
-from ..design.touch.judge import NO_CHANGE, Judged, calibrate
+from ..design.touch.judge import NO_CHANGE, TouchCalibration, calibrate
 from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import Ticks, Track, Windows, in_sessions, in_windows
 from ..errors import CalibrationError
@@ -97,7 +97,7 @@ def windows_of(touched: Touched) -> Windows:
     return in_windows(touched.ticks, touched.tracks, MOST_SHIFT_S)
 
 
-def judged_by(touched: Touched) -> Judged:
+def judged_by(touched: Touched) -> TouchCalibration:
     """Fit and judge what a recording shows."""
     return calibrate(windows_of(touched), touched.header.modes, touched.header.parasitic_modes)
 
@@ -115,7 +115,7 @@ def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
     }
 
 
-def learned_contacts(touched: Touched, judged: Judged) -> LearnedSizes | None:
+def learned_contacts(touched: Touched, judged: TouchCalibration) -> LearnedSizes | None:
     """Return what touches tell of the fingers' size, where contacts count: the law of the pad's ellipses, if it reports
     any, and the mean radius, which stands for fingers without one."""
     config, modes = touched.header.config, touched.header.modes
@@ -131,7 +131,7 @@ def learned_contacts(touched: Touched, judged: Judged) -> LearnedSizes | None:
     return LearnedSizes(round(radius_mm, 2), round(law.scale, 4), round(law.offset_mm, 4))
 
 
-def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, Any]]:
+def contact_settings(touched: Touched, judged: TouchCalibration) -> dict[str, dict[str, Any]]:
     """Return the sizes of contacts that touches tell, as settings."""
     sizes = learned_contacts(touched, judged)
     if sizes is None:
@@ -143,7 +143,7 @@ def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, An
     return found
 
 
-def calibration_of(touched: Touched, judged: Judged) -> BoardCalibration:
+def calibration_of(touched: Touched, judged: TouchCalibration) -> BoardCalibration:
     """Return the recording's calibration with corrected sensors; a mode that it lacks cannot have any."""
     known = {one.mode: one for one in touched.header.calibration.modes}
     sense = judged.calibration.sense @ _sense_of(touched.header)
@@ -159,7 +159,7 @@ def has_sensors(touched: Touched) -> bool:
     return len(touched.header.calibration.modes) == touched.header.modes.M
 
 
-def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
+def known_better(touched: Touched, judged: TouchCalibration) -> dict[str, Any]:
     """Return what is not known of map and sensors with what is adopted, as settings, where that is less than the
     recording's: without the map its errors pass for the sensors', nothing is known better, and references get room.
 
@@ -181,7 +181,7 @@ def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
     return {"sensors_frac": sensors_frac, "gain_frac": gain_frac}
 
 
-def _room_for_other_modes(touched: Touched, judged: Judged) -> dict[str, Any]:
+def _room_for_other_modes(touched: Touched, judged: TouchCalibration) -> dict[str, Any]:
     """Return the room that references get where sensors are corrected without a map: what they seem to see of other
     modes may be modes that are mixed otherwise than in the map, and the sensors right as they were."""
     if judged.refusal or not has_sensors(touched):
@@ -193,7 +193,7 @@ def _room_for_other_modes(touched: Touched, judged: Judged) -> dict[str, Any]:
     return {"gain_frac": gain_frac} if gain_frac > touched.header.config.uncertainty.gain_frac else {}
 
 
-def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:
+def mode_map(modes: ModeShapes, judged: TouchCalibration) -> ModeShapes:
     """Return the map with the waves that it lacked."""
     assert judged.waves is not None
     return ModeShapes(

@@ -43,7 +43,7 @@ class Crossing(NamedTuple):
     predicted_mm: Predicted
 
 
-class Way(NamedTuple):
+class PathDetail(NamedTuple):
     """How a finger's way is to be divided: into at least so many pieces, whether they are without corners, and the
     edges that it crosses."""
 
@@ -128,7 +128,7 @@ class SurfaceSet:
         felt_um = max(below_um + added_um, least_um)
         return felt_um if felt_um < self._w_limit_um else self._w_limit_um
 
-    def along(self, predicted_mm: Predicted, t_ns: int, span_ns: int) -> Way:
+    def along(self, predicted_mm: Predicted, t_ns: int, span_ns: int) -> PathDetail:
         """Return what a finger without a target meets on its way over `span_ns` from `t_ns`."""
         x_mm, y_mm = predicted_mm(t_ns)
         end_x_mm, end_y_mm = predicted_mm(t_ns + span_ns)
@@ -154,7 +154,7 @@ class SurfaceSet:
                 crossed.append(Crossing(at_ns, from_ns, to_ns, layer, predicted_mm))
             if layer.replaces and is_inside and not met:
                 break  # it hides what is below
-        return Way(pieces, smooth, crossed)
+        return PathDetail(pieces, smooth, crossed)
 
     def edges_ns(self, crossed: list[Crossing], t_ns: int, tolerance_um: float) -> list[int]:
         """Return the instants from `t_ns` on just before and just after the crossings of any fingers where what they

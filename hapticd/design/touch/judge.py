@@ -58,7 +58,7 @@ class HeldOutGain(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class TouchCalibration:
     """The calibration to adopt, which is the one in force if `refusal` says why; `fitted` is what the fit found.
 
     `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
@@ -115,7 +115,7 @@ class _Fitter:
         return HeldOutGain(float(1.0 - after_cost.sum() / before_cost.sum()), float(worth.mean()) / error)
 
 
-def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> Judged:
+def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> TouchCalibration:
     """Fit and judge, the map last. 60 s of touching on eight modes take 45 s of processor time, on two cores."""
     before = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
@@ -124,7 +124,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
             f"Only {touched_s:.1f} s of touching while the plate followed its references, {LEAST_TOUCHED_S:g} s are "
             "needed: move two fingers for a minute, one of them slippery."
         )
-        return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
+        return TouchCalibration(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
     few, fewest = (_evenly(windows, most // modes.M) for most in (MOST_WINDOWS, FEW_WINDOWS))
     fitter = _Fitter(modes, parasitic_modes, are_points=True)
     near = fitter.fit(fewest, Free(pad=True, sense=True), before).calibration
@@ -137,7 +137,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusals = _refusals(found, latency_sigma_s, one, other, len(windows.sessions))
     refusal = next(refusals, "") or _unconfirmed(gains)
-    judged = Judged(
+    judged = TouchCalibration(
         calibration=before if refusal else _without_gains(_effective(found.calibration, latency_s)),
         fitted=found.calibration,
         sigma=found.sigma,
@@ -244,7 +244,7 @@ def _unconfirmed(gains: list[HeldOutGain]) -> str:
     return NO_CHANGE if together < SURE or not all(gain.confirms for gain in gains) else ""
 
 
-def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
+def _with_map(judged: TouchCalibration, windows: Windows, fitter: _Fitter) -> TouchCalibration:
     """Fit and judge the map from where pad and sensors are."""
     if judged.refusal not in ("", NO_CHANGE):
         return replace(judged, map_refusal=judged.refusal)

@@ -70,7 +70,7 @@ class Calibration:
 class Apart(StrEnum):
     """What has a centroid of its own, next to the pad's place: nothing, each session (its posture), or each touch."""
 
-    NOTHING = ""
+    NONE = ""
     SESSIONS = "sessions"
     TOUCHES = "touches"
 
@@ -81,7 +81,7 @@ class Free(NamedTuple):
     pad: bool = False
     sense: bool = False
     waves: bool = False
-    apart: Apart = Apart.NOTHING
+    apart: Apart = Apart.NONE
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch, SimulatedTou
 from ...values import FloatArray
 from ...wire.client import read, unpack
 from .paths import Path
-from .pressing import Row, SampledFinger, row_of
+from .pressing import SampledFinger, TipSample, sample_of
 
 GLIDE_S = 0.03  # two reports of a typical pointing device
 TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
@@ -32,7 +32,7 @@ class HeldFinger:
 
     def __init__(self) -> None:
         self.t_up_s = -math.inf  # when it was lifted; inf while it is down
-        self._knots: deque[tuple[float, *Row]] = deque()
+        self._knots: deque[tuple[float, *TipSample]] = deque()
 
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         """Return positions (T, 2) at recent times (T,); NaN where the finger is lifted."""
@@ -54,15 +54,15 @@ class HeldFinger:
     def land(self, t_s: float, touch: SimulatedTouch) -> None:
         """Land at `t_s`; the finger must be lifted."""
         self.t_up_s = math.inf
-        self._knots = deque([(t_s, *row_of(touch))])
+        self._knots = deque([(t_s, *sample_of(touch))])
 
     def move(self, t_s: float, touch: SimulatedTouch) -> None:
         """Start moving to a place at `t_s`, which must not precede that of the last call."""
         knots = np.array(self._knots)
-        now: Row = tuple(float(np.interp(t_s, knots[:, 0], column)) for column in knots.T[1:])  # type: ignore[assignment]
+        now: TipSample = tuple(float(np.interp(t_s, knots[:, 0], column)) for column in knots.T[1:])  # type: ignore[assignment]
         while self._knots and self._knots[-1][0] >= t_s:
             self._knots.pop()
-        self._knots += ((t_s, *now), (t_s + GLIDE_S, *row_of(touch)))
+        self._knots += ((t_s, *now), (t_s + GLIDE_S, *sample_of(touch)))
         while len(self._knots) > 2 and self._knots[1][0] < t_s - KEPT_S:
             if len(self._knots) > 3 or self._knots[0][0] < t_s - KEPT_S:
                 self._knots.popleft()

@@ -22,7 +22,7 @@ from ..score import CONTACT_RADIUS_MM, TrueContact
 LEAST_RADIUS_MM: Final = 3.0
 MOST_RADIUS_MM: Final = 8.0  # a finger pad is no larger, however hard it presses
 
-Row = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's ellipse
+TipSample = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's ellipse
 
 
 class Tip(TrueContact, Protocol):
@@ -43,7 +43,7 @@ class SampledFinger:
     @classmethod
     def of(cls, at_s: FloatArray, touches: Sequence[SimulatedTouch]) -> SampledFinger:
         """Return the finger that touches so at each instant."""
-        return cls(at_s, np.array([row_of(touch) for touch in touches]))
+        return cls(at_s, np.array([sample_of(touch) for touch in touches]))
 
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         lines = [np.interp(t_s, self.at_s, along_mm, left=np.nan, right=np.nan) for along_mm in self.rows.T[:2]]
@@ -74,7 +74,7 @@ class Repeated:
         return self.finger.ellipses_mm(np.mod(t_s, self.period_s))
 
 
-def row_of(touch: SimulatedTouch) -> Row:
+def sample_of(touch: SimulatedTouch) -> TipSample:
     """Return the row of a `SampledFinger`."""
     return touch.x_mm, touch.y_mm, touch.pressure_frac, *form_of(touch)
 

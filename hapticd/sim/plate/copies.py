@@ -33,7 +33,7 @@ def set_up(drawn: GluedPlate, drive_hz: float, number: int) -> dict[str, Any]:
     pushed = np.abs(near.pushed(used, choice.drive_hz)).max(axis=1)
     rest = [rest[at] for at in np.argsort(-pushed).tolist()]
     pushes = near.driven.gain_um_per_v_s[rest] @ own.volts_per_um_s
-    stretch = np.abs(own.stiffness_1_s(choice.drive_hz)) / own.decay_1_s
+    resonance_gain = np.abs(own.stiffness_1_s(choice.drive_hz)) / own.decay_1_s
     names, made = distinct_names(modes.modes), modes.plate
     of = made.material
     return {
@@ -43,7 +43,7 @@ def set_up(drawn: GluedPlate, drive_hz: float, number: int) -> dict[str, Any]:
         "drive_hz": choice.drive_hz,
         "modes": tuple(names[mode] for mode in (*used, *rest)),
         "driven": len(used),
-        "reach_um": tuple((np.array(choice.limits_um) * stretch).tolist()),
+        "reach_um": tuple((np.array(choice.limits_um) * resonance_gain).tolist()),
         "material": f"{of.young_gpa!r},{of.poisson!r},{of.density_kg_m3!r}",
         "patches": tuple((p.x_mm, p.y_mm, *p.size_mm, p.thickness_mm) for p in made.patches),
         "made": made,

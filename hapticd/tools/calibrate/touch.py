@@ -16,7 +16,7 @@ from ...config.sections import SIMULATED
 from ...core.plate.mode_shapes import ModeShapes
 from ...design.touch.coverage import known_sentence, place_name
 from ...design.touch.guide import GUIDED_S, places_at
-from ...design.touch.judge import Judged
+from ...design.touch.judge import TouchCalibration
 from ...design.touch.model import CENTROID
 from ...errors import CalibrationError, HapticdError
 from ...files import calibration as calibration_file
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> Verdict:
     return verdict(judged, settings, has_sensors=has_sensors(touched), is_simulated=options.sim)
 
 
-def saved(touched: Touched, judged: Judged, directory: Path) -> FoundSettings:
+def saved(touched: Touched, judged: TouchCalibration, directory: Path) -> FoundSettings:
     """Write what changes of calibration and map, and return the settings that go with it. Raises HapticdError."""
     settings = contact_settings(touched, judged)
     if judged.refusal:
@@ -108,7 +108,7 @@ def saved(touched: Touched, judged: Judged, directory: Path) -> FoundSettings:
     return settings
 
 
-def verdict(judged: Judged, settings: FoundSettings, *, has_sensors: bool, is_simulated: bool) -> Verdict:
+def verdict(judged: TouchCalibration, settings: FoundSettings, *, has_sensors: bool, is_simulated: bool) -> Verdict:
     """Return what moved, by how much, one sigma, and whether it is adopted."""
     moved = [
         (f"pad's {name}", unit * judged.fitted.pad[place], unit * judged.sigma.pad[place], text)
@@ -152,7 +152,7 @@ def verdict(judged: Judged, settings: FoundSettings, *, has_sensors: bool, is_si
     return Verdict("touch", outcome, sentence, tuple(figures), settings, is_simulated)
 
 
-def draw(touched: Touched, judged: Judged, path: Path, *, source: str = "") -> None:
+def draw(touched: Touched, judged: TouchCalibration, path: Path, *, source: str = "") -> None:
     """Draw how far positions move over the plate, and the map's change. Raises HapticdError."""
     modes = touched.header.modes
     figure, ((plot, *maps),) = plotting.subplots(4.0 * (1 + modes.M), 4.0, 1, 1 + modes.M, source=source)
@@ -171,7 +171,7 @@ def draw(touched: Touched, judged: Judged, path: Path, *, source: str = "") -> N
     plotting.save(figure, path, **PICTURE)
 
 
-def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: Judged, mode: int) -> None:
+def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: TouchCalibration, mode: int) -> None:
     plot.set_title(f"map of mode {mode}, change", fontsize=9)
     if judged.waves is None:
         plotting.mark_empty(plot, "unchanged")

@@ -60,7 +60,7 @@ def test_fingers_that_each_keep_to_their_side_turn_and_stretch_no_pad() -> None:
     tracks = tuple(replace(one, xy_mm=one.xy_mm + mm) for one, mm in zip(windows.tracks, biases_mm, strict=True))
     biased = replace(windows, tracks=tracks)
     alike, apart = (
-        fit(biased, mode_map(), Free(True, True, apart=each), NOMINAL) for each in (Apart.NOTHING, Apart.TOUCHES)
+        fit(biased, mode_map(), Free(True, True, apart=each), NOMINAL) for each in (Apart.NONE, Apart.TOUCHES)
     )
     assert np.abs(alike.calibration.pad - WRONG.pad)[2:5].max() > 5e-3
     assert np.abs(apart.calibration.pad - WRONG.pad)[:2].max() < 0.03  # mm

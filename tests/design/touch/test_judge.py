@@ -83,7 +83,7 @@ def test_modes_that_turned_into_each_other_are_no_mistake_but_sensors_that_were_
 
 
 def test_sensors_that_seem_swapped_without_the_map_are_none_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def mapped(judged: judge.Judged, *_: object) -> judge.Judged:
+    def mapped(judged: judge.TouchCalibration, *_: object) -> judge.TouchCalibration:
         assert np.abs(judged.fitted.sense[0, 1]) > judge.MOST_CROSSTALK
         return replace(judged, fitted=WRONG, calibration=WRONG)
 

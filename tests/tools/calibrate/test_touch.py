@@ -19,7 +19,7 @@ from hapticd.daemon.settings import plate_from_pad
 from hapticd.design.touch.contacts import spreads_of
 from hapticd.design.touch.fit import Fit
 from hapticd.design.touch.guide import GUIDED_S
-from hapticd.design.touch.judge import Judged
+from hapticd.design.touch.judge import TouchCalibration
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.waves import Waves
 from hapticd.errors import CalibrationError
@@ -130,9 +130,9 @@ def test_a_short_recording_is_refused_and_changes_no_setting(
     assert folder.merged(folder.load(out).values()) == {}
 
 
-def judged(found: Calibration, waves: Waves | None = None) -> Judged:
+def judged(found: Calibration, waves: Waves | None = None) -> TouchCalibration:
     """A calibration that is adopted."""
-    return Judged(found, found, Calibration.nominal(2), 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
+    return TouchCalibration(found, found, Calibration.nominal(2), 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
 
 
 def test_map_and_sensors_are_known_better_with_the_map_but_for_the_gain_that_all_sensors_share(
@@ -223,7 +223,7 @@ def with_contacts(touched: Touched) -> Touched:
     return touched._replace(header=replace(touched.header, config=replace(config, limits=limits)))
 
 
-def of_size(touched: Touched, radius_mm: float, sigma_mm2: float = 0.1) -> Judged:
+def of_size(touched: Touched, radius_mm: float, sigma_mm2: float = 0.1) -> TouchCalibration:
     """A verdict on touches that all have this size."""
     found, count = Calibration.nominal(2), len(touched.tracks)
     spread_mm2 = np.repeat(spreads_of(np.array((radius_mm,)), touched.header.modes), count)
