@@ -68,6 +68,14 @@ class Textures:
             return at_rest
         return lambda x_mm, y_mm: min(at_rest(x_mm, y_mm) * self.speed_gain, self.w_limit_um)
 
+    def even_um(self, content: Content) -> float | None:
+        """Return the amplitude of content that is the same all over and at any speed; None for other content."""
+        if isinstance(content, Amplitude):
+            return min(content.amplitude_um, self.w_limit_um)
+        if isinstance(content, Friction) and self.curve.speed_mm_s == math.inf:
+            return self._of_friction_um(content.friction)
+        return None
+
     def _at_rest(self, content: Content, size_mm: tuple[float, float]) -> AmplitudeAt:
         if isinstance(content, Amplitude):
             return _even(min(content.amplitude_um, self.w_limit_um))
