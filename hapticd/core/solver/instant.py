@@ -137,12 +137,10 @@ class InstantSolver:
         solution = None if self.has_contacts else self._solve_two(places, previous_um)
         if solution is not None:
             return solution
-        fingers, most_step_um = len(places), math.inf
-        targets_um = [target_um for _, _, target_um in places]
+        fingers, targets_um = len(places), [target_um for _, _, target_um in places]
         if len(self._log_weights) != fingers:
             self._log_weights = [0.0] * fingers
-        if self.has_contacts:
-            most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
+        most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns if self.has_contacts else math.inf
         modal_um, achieved_um, limited = solve_felt(
             self.shapes(self._disc, places, variances_mm2, ellipses),
             self._weights,
@@ -166,8 +164,7 @@ class InstantSolver:
         *,
         has_slopes: bool = False,
     ) -> bytes:
-        """Return the shapes (N, Q, M) at the points of each contact, a unit disc that has these (Q, 3), as `evaluate`
-        does."""
+        """Return the shapes (N, Q, M), or with slopes, at each contact's points: a unit disc has these (Q, 3)."""
         contacts: list[float] = []
         for finger in range(len(places)):
             x_mm, y_mm, _ = places[finger]
@@ -180,12 +177,10 @@ class InstantSolver:
 
     def _solve_two(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution | None:
         """The paper's case; None for any other."""
-        if not (len(places) == 2 == len(self._w_limit_um)):
+        if not (len(places) == 2 == len(self._w_limit_um) and (places[0][2] > 0.0) is not (places[1][2] > 0.0)):
             return None
-        moved, held = (0, 1) if places[1][2] == 0.0 else (1, 0)
+        moved, held = (0, 1) if places[0][2] > 0.0 else (1, 0)
         target_um = places[moved][2]
-        if not (target_um > 0.0 and places[held][2] == 0.0):
-            return None
         at_points = self.shapes(POINT, [places[moved], places[held]], has_slopes=True)
         x, _, _, y, _, _ = _PLACE.unpack_from(at_points)
         other_x, x_dx, x_dy, other_y, y_dx, y_dy = _PLACE.unpack_from(at_points, _PLACE.size)

@@ -148,10 +148,9 @@ def _solved_contacts(
     mixed[:, -1] = 1.0  # of the largest one, the last
     shapes, slips = np.einsum("qj,nj,nkj->nqk", mixed, np.sqrt(np.maximum(sizes, 0.0)), vectors), targets > 0.0
     _, contrasts = np.linalg.eigh(grams[slips].sum(axis=0) - grams[~slips].sum(axis=0))
-    starts = [contrast * np.min(limits / np.maximum(np.abs(contrast), NOISE)) for contrast in contrasts.T]
+    starts = [near, *[contrast * np.min(limits / np.maximum(np.abs(contrast), NOISE)) for contrast in contrasts.T]]
     table = finger_table(CURVE, targets.tolist(), [0.0] * fingers, [1.0] * fingers, [0] * fingers)
-    starts = [start for start in (near, *starts) if start.any()]
-    found = np.array([_descended(shapes, table[:], limits, start, OF_CONTACTS) for start in starts])
+    found = np.array([_descended(shapes, table[:], limits, start, OF_CONTACTS) for start in starts if start.any()])
     got = np.sqrt(np.maximum(np.einsum("sk,nkl,sl->sn", found, grams, found), 0.0))
     best = np.argmin(np.abs(got - targets).max(axis=1))
     return found[best], got[best], _is_limited(found[best], got[best], targets, limits)
@@ -174,12 +173,8 @@ def _checked_all(
     limits = _checked("limit_um", [limit_um] * modes if isinstance(limit_um, (float, int)) else limit_um, (modes,))
     if not (limits > 0.0).all():
         raise ValueError("limit_um: every limit must be greater than 0.")
-    return (
-        shapes,
-        targets,
-        limits,
-        _checked("previous_um", [0.0] * modes if previous_um is None else previous_um, (modes,)),
-    )
+    previous = [0.0] * modes if previous_um is None else previous_um
+    return shapes, targets, limits, _checked("previous_um", previous, (modes,))
 
 
 def _checked(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
