@@ -108,25 +108,21 @@ class FitState:
 
 
 class ModelPoint(NamedTuple):
-    """The model at one state: residual (B, S, M) in um/s, and its derivatives: `by_loads` (B, S, M, N), and by what is
-    free, in the order of `TouchProblem.parts`: `dense` (B, S, M, D) up to the spreads, `by_own` (B, S, M, O) by the own
-    rates `own` (2, O) that these windows meet, and `by_rates` (B, S, L) by each mode's `rates` (2, M, L), which no
-    other mode's residual meets. Of complex ones first come the real parts' places among the parameters.
-    """
+    """The model at one state: residual (B, S, M) in um/s, and its derivatives `by_loads` (B, S, M, N) and by what is
+    free: `columns` (B, S, M, C) by those parameters, of places (C,) in the order of `TouchProblem.parts`, that these
+    windows meet, and `by_rates` (B, S, R) of each mode's by its rates, of places (M, R), which no other mode meets."""
 
     residual: ComplexArray
     by_loads: ComplexArray
-    dense: ComplexArray
-    by_own: ComplexArray
-    own: npt.NDArray[np.int64]
+    columns: ComplexArray
+    places: npt.NDArray[np.int64]
     by_rates: ComplexArray
     rates: npt.NDArray[np.int64]
 
     def of_mode(self, mode: int) -> tuple[ComplexArray, npt.NDArray[np.int64]]:
         """Return the derivatives of a mode's residual (B, S, U), and by which of all parameters (U,) they are."""
-        dense, own, rates = self.dense[:, :, mode], self.by_own[:, :, mode], self.by_rates
-        met = np.arange(dense.shape[-1]), self.own.ravel(), self.rates[:, mode].ravel()
-        return np.concatenate((dense, own, 1j * own, rates, 1j * rates), axis=-1), np.concatenate(met)
+        columns = np.concatenate((self.columns[:, :, mode], self.by_rates), axis=-1)
+        return columns, np.concatenate((self.places, self.rates[mode]))
 
 
 class Placed(NamedTuple):
@@ -236,7 +232,7 @@ class Model:
         own = self.splines[rows] @ state.own.T
         moving = (own * placed.seen_um) @ inverse.T
         residual = self._known[rows] + self.terms[rows] @ state.rates.T + moving + force
-        dense: list[ComplexArray] = []
+        columns: list[ComplexArray] = []
         if free.pad or free.waves or free.apart:
             # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
             by_phi = loads[..., None, None] * (
@@ -245,32 +241,32 @@ class Model:
         if free.pad or free.apart:
             by_place = np.einsum("bsnqkm,bsnqmd->bsnkd", by_phi, self._slope(placed.points), optimize=True)
         if free.pad:
-            dense.append(np.einsum("bsnkd,bsndp->bskp", by_place, _by_pad(placed, found), optimize=True))
+            columns.append(np.einsum("bsnkd,bsndp->bskp", by_place, _by_pad(placed, found), optimize=True))
         if free.sense:
             turned = moving + np.einsum("bznq,bsnqk->bsk", loads, pushed)
             scaled = np.einsum("bsnqk,bsnqm->bskm", loads[..., None] * out, phi) + inverse * own[..., None, :]
             by_sense = _by_sense(self.windows.measured_um[rows], turned, scaled, inverse)
-            dense += [by_sense, 1j * by_sense]
+            columns += [by_sense, 1j * by_sense]
         if free.waves:
-            dense.append(_by_waves(by_phi, self._shapes[rows]))
+            columns.append(_by_waves(by_phi, self._shapes[rows]))
         if free.apart:
             by_apart = np.einsum("bsnkd,bnr->bskrd", by_place, self._touches[rows] @ self.contrasts, optimize=True)
-            dense.append(by_apart.reshape(*residual.shape, -1))
-        dense.append(np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows]) @ self._touches[rows][:, None])
-        met = np.flatnonzero(self.splines[rows].any(axis=(0, 1)))
+            columns.append(by_apart.reshape(*residual.shape, -1))
+        columns.append(np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows]) @ self._touches[rows][:, None])
+        met = np.flatnonzero(self.splines[rows].any(axis=(0, 1)))  # splines are local, but for the constant
         by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[rows][..., met])
+        by_own, by_rates = by_own.reshape(*residual.shape, -1), self._expected_terms(state, residual, rows)
+        first = np.arange(sum(one.shape[-1] for one in columns))
+        own_places = len(first) + np.arange(2 * state.own.size).reshape(2, *state.own.shape)
+        rates_places = own_places.size + len(first) + np.arange(2 * state.rates.size).reshape(2, *state.rates.shape)
         ones = self._shared(replace(state, loads=np.ones_like(state.loads)), rows)
-        first = sum(one.shape[-1] for one in dense)
-        own_places = np.arange(2 * state.own.size).reshape(2, *state.own.shape)
-        rates_places = np.arange(2 * state.rates.size).reshape(2, *state.rates.shape)
         return ModelPoint(
             residual,
             np.einsum("bsnqk,bznq->bskn", pushed, ones),
-            np.concatenate(dense, axis=-1),
-            by_own.reshape(*residual.shape, -1),
-            first + own_places[..., met].reshape(2, -1),
-            self._expected_terms(state, residual, rows),
-            first + own_places.size + rates_places,
+            np.concatenate((*columns, by_own, 1j * by_own), axis=-1),
+            np.concatenate((first, own_places[..., met].ravel())),
+            np.concatenate((by_rates, 1j * by_rates), axis=-1),
+            rates_places.swapaxes(0, 1).reshape(len(inverse), -1),
         )
 
     def _expected_terms(self, state: FitState, residual: ComplexArray, rows: slice) -> ComplexArray:

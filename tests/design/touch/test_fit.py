@@ -95,14 +95,14 @@ def test_derivatives_are_those_of_the_residual(linearised: tuple[Model, FitState
         waves, bar = 1e-5 * rng.standard_normal(waves.shape), 3e-4  # surfaces are in single precision
     else:  # the slope of what the map lacks is left out
         state = replace(state, calibration=replace(state.calibration, waves=waves))
-    columns = model.at(state, slice(None), free).dense
+    columns = model.at(state, slice(None), free).columns
     if isinstance(place, int):
         pad[place] = 1e-5
         # The latency's is by the smoothed velocity, which is not quite the slope of the interpolated positions.
         bar = 0.02 if place == LATENCY else bar
     elif place == "apart":
         free, apart_mm = Free(apart=Apart.TOUCHES), np.array(((1e-5, -2e-5),))
-        columns = model.at(state, slice(None), free).dense
+        columns = model.at(state, slice(None), free).columns
     ends = []
     for sign in (1.0, -1.0):
         found = stepped(state.calibration, sign * pad, sign * sense, sign * waves)
