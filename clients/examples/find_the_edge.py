@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--apart-mm", type=float, default=25.0, help="largest distance of the fingers (%(default)s mm)")
-    parser.add_argument("--friction", type=float, default=0.05, help="of the slippery half, 0 .. 1 (%(default)s)")
+    parser.add_argument("--friction", type=float, default=0.49, help="of the slippery half, 0 .. 1 (%(default)s)")
     parser.add_argument("--seed", type=int, help="seed of the hidden edges (default: random)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the game (%(default)s)")

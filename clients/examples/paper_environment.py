@@ -18,7 +18,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         epilog="example: hapticd run --sim &  python paper_environment.py --friction 0.05",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--friction", type=float, default=0.2, help="on the left, 0 (most slippery) .. 1 (%(default)s)")
+    parser.add_argument("--friction", type=float, default=0.49, help="on the left, 0 (slippery) .. 1 (%(default)s)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
     options = parser.parse_args(arguments)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from hapticd_client import Client, HapticdError
 
-SLIPPERY, STICKY = 0.2, 1.0  # friction, 0 .. 1
+SLIPPERY, STICKY = 0.49, 1.0  # friction, 0 .. 1
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

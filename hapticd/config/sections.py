@@ -33,6 +33,7 @@ SCENARIO_NAMES = (
     "paper-figure-10",
     "paper-figure-11",
     "step",
+    "half-strokes",
     "both-slip",
     "three",
     "one-of-three",

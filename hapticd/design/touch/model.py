@@ -252,7 +252,8 @@ class Model:
         if free.apart:
             by_apart = np.einsum("bsnkd,bnr->bskrd", by_place, self._touches[rows] @ self.contrasts, optimize=True)
             columns.append(by_apart.reshape(*residual.shape, -1))
-        columns.append(np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows]) @ self._touches[rows][:, None])
+        by_spread = np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows])
+        columns.append(by_spread @ self._touches[rows][:, None])
         met = np.flatnonzero(self.splines[rows].any(axis=(0, 1)))  # splines are local, but for the constant
         by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[rows][..., met])
         by_own, by_rates = by_own.reshape(*residual.shape, -1), self._expected_terms(state, residual, rows)

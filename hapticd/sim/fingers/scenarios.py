@@ -106,6 +106,10 @@ def strokes(
     return _touching(slippery, targets_um[0]), _touching(sticky, targets_um[1])
 
 
+def _half_strokes(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+    return strokes(seed, speed_mm_s, (HALF_UM, STICKY_UM))
+
+
 def _guided(seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     """Two hands in different places at any time."""
     from .guided import HALF_SIZE_MM, GuidedPath  # a service that plays other scenarios loads nothing of the fits
@@ -238,6 +242,7 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("paper-figure-10", "two virtual fingers, references within the limits", 5.0, _paper_figure_10),
         Scenario("paper-figure-11", "two virtual fingers, references at the limits", 5.0, _paper_figure_11),
         Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
+        Scenario("half-strokes", "two fingers on strokes, 0.5 um and 0: what four modes give", 10.0, _half_strokes),
         Scenario("both-slip", "two fingers on random strokes, both slippery", 10.0, _both_slip),
         Scenario("three", "three fingers on circles: slippery, sticky, and half of it", 10.0, _three),
         Scenario("one-of-three", "three fingers on circles, one slippery, two sticky", 10.0, _mixed(1, 3)),

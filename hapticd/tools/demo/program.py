@@ -41,7 +41,7 @@ from .picture import draw
 
 DEFAULT_OUT = Path("demo.png")  # written again over that of an earlier demo
 SOURCE = "demo, seed "  # in the picture's signature
-SCENARIO = "strokes"
+SCENARIO = "half-strokes"
 FINGERS = 2
 # A busy computer takes a multiple of the usual seconds; a daemon or a rig that ends is noticed at once.
 ATTEMPT_S = 15.0
@@ -158,7 +158,7 @@ def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str
         row("sticky centre, um RMS", [f"{score.leak_um:.3f}" for score in scores]),
         row("slippery centre, of target", [f"{score.slip_frac:.1%}" for score in scores]),
         f"Over {ours.seconds:.0f} s of strokes as of recorded hands; a contact is a disc of {CONTACT_RADIUS_MM:g} mm "
-        "radius; targets are 0 and 1 um. A JND is 11 % of friction; errors: bias, median, 95 %.",
+        "radius; targets are 0 and 0.5 um. A JND is 11 % of friction; errors: bias, median, 95 %.",
         "",
     ]
     if ours.score.leak_um > 0 and ours.score.slip_frac > LEAST_SLIP_FRAC:

@@ -64,7 +64,7 @@ def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(p
 
 def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page: Page) -> None:
     lay_down(page, 150, 80)
-    page.until(lambda: any("of 1.00" in row for row in page.fingers()))  # the first is slippery
+    page.until(lambda: any("of 0.46" in row for row in page.fingers()))  # the first is slippery
     page.until(lambda: page.brightness() > 20)
     before = page.picture()
     drag(page, 30)
@@ -83,7 +83,7 @@ def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page:
 def test_the_keyboard_alone_lands_moves_chooses_presses_and_lifts_a_finger(page: Page, service: DaemonProcess) -> None:
     page.browser.execute_script("document.getElementById('plate').focus()")
     page.keys(Keys.ENTER)
-    page.until(lambda: any("of 1.00" in row for row in page.fingers()))
+    page.until(lambda: any("of 0.46" in row for row in page.fingers()))
     before = page.picture()
     page.keys(*[Keys.ARROW_RIGHT] * 5, *[Keys.ARROW_UP] * 3)
     page.until(lambda: page.picture() != before)
@@ -171,7 +171,7 @@ def test_a_dead_daemon_and_its_return_are_shown(page: Page, service: DaemonProce
     page.until(lambda: "0 fingers" in page["state"].text)
     page.until(lambda: not page["notice"].is_displayed())
     drag(page, 10)
-    page.until(lambda: any("of 1.00" in row for row in page.fingers()))
+    page.until(lambda: any("of 0.46" in row for row in page.fingers()))
     ActionChains(page.browser).release().perform()
 
 
@@ -188,7 +188,7 @@ def test_whole_contacts_are_shown_on_a_plate_that_has_them(browser: Chrome) -> N
             "for (const choice of document.querySelectorAll('.finger button'))"
             " if (choice.textContent === 'Slippery') choice.click()"
         )
-        asked = re.compile(r"feels 0\.\d\d \(.*\), asked 0\.19")
+        asked = re.compile(r"feels 0\.\d\d \(.*\), asked 0\.49")
         page.until(lambda: page.fingers() and all(asked.search(row) for row in page.fingers()))
         assert page.complaints() == []
     finally:

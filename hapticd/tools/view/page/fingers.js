@@ -2,7 +2,7 @@
 
 const MOST_UM = 2;
 const STEP_UM = 0.05;
-const SLIPPERY_UM = 1;
+export const SLIPPERY = 0.49; // friction beside bare glass: as much as four modes can give
 
 export class FingerList {
   /** `ask` has the page's client do something, `choose` selects the finger that the keys control. */
@@ -43,7 +43,7 @@ export class FingerList {
     slider.addEventListener("input", () => this.ask((client) => client.set(id, { amplitude_um: Number(slider.value) })));
     const choices = made("span", "choices");
     const sticky = this.choice("Sticky", (client) => client.set(id, { amplitude_um: 0 }));
-    const slippery = this.choice("Slippery", (client) => client.set(id, { amplitude_um: SLIPPERY_UM }));
+    const slippery = this.choice("Slippery", (client) => client.set(id, { friction: SLIPPERY }));
     const release = this.choice("Release", (client) => client.release(id));
     choices.append(sticky, slippery, release);
     box.append(name, amounts, slider, choices, owner);

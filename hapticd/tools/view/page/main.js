@@ -5,7 +5,7 @@ import { theme } from "./colours.js";
 import { Drawing } from "./draw.js";
 import { Effects, ringSpan_s } from "./effects.js";
 import { Field } from "./field.js";
-import { FingerList, write } from "./fingers.js";
+import { FingerList, SLIPPERY, write } from "./fingers.js";
 import { Flags } from "./flags.js";
 import { FrictionCurve } from "./friction.js";
 import { Hands } from "./hands.js";
@@ -204,7 +204,7 @@ function giveTargets(frame) {
     chosen = finger.id;
     if (finger.owner !== null || way === "nothing") continue;
     const sticks = way === "sticky" || (way === "both" && isSlippery);
-    ask((client) => client.set(finger.id, { amplitude_um: sticks ? 0 : 1 }));
+    ask((client) => client.set(finger.id, { friction: sticks ? 1 : SLIPPERY }));
     isSlippery ||= !sticks;
   }
 }
