@@ -111,7 +111,7 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
 def test_the_front_page_says_the_share_that_the_demo_prints_and_draws() -> None:
     *_, wide = columns(live_column(SimConfig(plate="fingertip")))
     film = virtual_film(wide, SCENARIO, 1, VIRTUAL_START_S, VIRTUAL_START_S + COMPARED_S)
-    shown = f"{100 * film.score.felt_frac:.0f} % of the time; the paper's scheme never"
+    shown = f"within one JND {100 * film.score.felt_frac:.0f} % of the time, two"
     assert shown in Path(__file__).parents[2].joinpath("README.md").read_text(encoding="utf-8")
 
 
