@@ -31,6 +31,7 @@ from .glued_plate import GluedPlate, Patch
 from .mode_choice import FeltTask
 from .mode_shape import ModeShape
 from .scan import sample_scan
+from .section import wave_hz, wave_rad_mm
 
 # Largest errors, each uniformly distributed: a cut by a glass shop, a batch's modulus, float glass (EN 572-2), the
 # place of a patch. GLUE_FRAC is of a patch's stiffness and force: 5 to 15 um of epoxy shear over 0.4 to 0.7 mm at each
@@ -67,8 +68,8 @@ class Copy(NamedTuple):
         """Return the modes of the plate as it was made near the drive that is expected, with the maps of its scan.
         Raises ValueError."""
         made, drawn = self.made(), self.plate
-        stiffer = math.sqrt(made.material.young_gpa / drawn.material.young_gpa)
-        drive_hz = self.drive_hz * stiffer * made.thickness_mm / drawn.thickness_mm
+        rad_mm = wave_rad_mm(self.drive_hz, drawn.thickness_mm, drawn.material)
+        drive_hz = wave_hz(rad_mm, made.thickness_mm, made.material)
         measure = partial(scanned, seed=(_STREAM, self.number))
         return GluedModes(made, (drive_hz - NEAR_HZ, drive_hz + NEAR_HZ), self.task, PLACES, measure=measure)
 

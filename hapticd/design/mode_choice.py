@@ -37,7 +37,7 @@ MOST_UM = 6.0  # of a mode: 95 % of places need less than 5, and the glass bears
 SEARCH_PLACES = 60
 
 STRONGEST, BEST = 24, 3  # sets of modes that are compared by what is felt: with one share, with all and other drives
-FEW_PLACES, USUAL_SHARE = 30, 0.5
+FEW_PLACES, CHOICE_PLACES, USUAL_SHARE = 30, 200, 0.5
 BESIDE_HZ = (0.0, -12.5, 12.5)
 
 
@@ -122,10 +122,10 @@ class Choice:
         """Return what to do with this many modes of a scan, numbered from 1 as in its file."""
         undriven = [mode for mode in range(modes) if mode not in self.used]
         said = f"use modes {_listed(self.used)}; drive {self.drive_hz:.0f} Hz"
-        if len(undriven) == 1:
-            said += f"; mode {_listed(undriven)} stays undriven, its share is compensated"
-        elif undriven:
-            said += f"; modes {_listed(undriven)} stay undriven, their shares are compensated"
+        if undriven:
+            many = len(undriven) > 1
+            named = f"modes {_listed(undriven)} stay" if many else f"mode {_listed(undriven)} stays"
+            said += f"; {named} undriven, {'their shares are' if many else 'its share is'} compensated"
         return said
 
 
@@ -146,28 +146,24 @@ def choose(near: NearModes, task: FeltTask) -> Choice | None:
             drive_hz = least_volts_hz(driven, task.farthest_hz)
             sets.append((float(driven.reach_um(drive_hz).min()), used, drive_hz))
     sets = sorted(sets, reverse=True)[:STRONGEST]
-    usual = [_tried(near, used, drive_hz, task, FEW_PLACES, (USUAL_SHARE,)) for _, used, drive_hz in sets]
+    usual = [limited(near, used, drive_hz, task, FEW_PLACES, (USUAL_SHARE,)) for _, used, drive_hz in sets]
     best = sorted(usual, key=lambda one: one.felt_frac, reverse=True)[:BEST]
     tried = [
-        _tried(near, one.used, one.drive_hz + beside_hz, task, SEARCH_PLACES)
+        limited(near, one.used, one.drive_hz + beside_hz, task, CHOICE_PLACES)
         for one, beside_hz in product(best, BESIDE_HZ)
     ]
     return max(tried, key=lambda one: one.felt_frac, default=None)
 
 
-def limited(near: NearModes, used: Sequence[int], drive_hz: float, task: FeltTask) -> Choice:
-    """Return these modes at this drive, with the limits at which most is felt as asked. Raises ValueError."""
-    return _tried(near, used, drive_hz, task, SEARCH_PLACES)
-
-
-def _tried(
+def limited(
     near: NearModes,
     used: Sequence[int],
     drive_hz: float,
     task: FeltTask,
-    places: int,
+    places: int = SEARCH_PLACES,
     shares: Sequence[float] = SHARES,
 ) -> Choice:
+    """Return these modes at this drive, with the limits at which most is felt as asked. Raises ValueError."""
     driven, found = near.of(used), near.under(used, drive_hz, places)
     reach_um = driven.reach_um(drive_hz)
 

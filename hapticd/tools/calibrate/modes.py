@@ -24,7 +24,7 @@ from ...design.added_mass import signed
 from ...design.cartography import REFERENCE_SIZE_MM
 from ...design.contact_pairs import random_fingers
 from ...design.felt_places import settle_felt, touches, touches_at
-from ...design.mode_choice import FINGER_KG_S, SEARCH_PLACES, Choice, FeltTask, NearModes, choose
+from ...design.mode_choice import CHOICE_PLACES, FINGER_KG_S, Choice, FeltTask, NearModes, choose
 from ...design.patch_reach import AMPLIFIER_V, PatchDrive
 from ...errors import CalibrationError, ModesError
 from ...formats.mode_map import LoweredScan, Scan, SweptModes, read_scan
@@ -126,7 +126,7 @@ def chosen(fit: CartographyFit, swept: SweptModes, size_mm: tuple[float, float])
     )
     signs, task = np.where(fit.scale.real < 0.0, -1.0, 1.0), FeltTask()
     scanned = ModeShapes(fit.modes.x_mm, fit.modes.y_mm, fit.modes.shapes * signs[:, None, None])
-    found = touches(scanned, size_mm, task.radius_mm, len(task.targets_um), SEARCH_PLACES, task.seed)
+    found = touches(scanned, size_mm, task.radius_mm, len(task.targets_um), CHOICE_PLACES, task.seed)
     near = NearModes(driven, found, FINGER_KG_S / (math.prod(size_mm) * USUAL_KG_MM2))
     choice = choose(near, task)
     if choice is None:
