@@ -130,12 +130,11 @@ class GluedModes:
         band_hz: tuple[float, float],
         task: FeltTask,
         places: int,
-        around_hz: float = 0.0,
         measure: Measure = surfaces,
     ) -> None:
-        """Solve the plate's modes in the band, widened by `task.farthest_hz`, or `around_hz` if that is more."""
+        """Solve the plate's modes in the band, widened by `task.farthest_hz`."""
         self.plate, self.task, self.places, self._measure = plate, task, places, measure
-        wider_hz = max(around_hz, task.farthest_hz)
+        wider_hz = task.farthest_hz
         self.solved_hz = (max(band_hz[0] - wider_hz, 0.0), band_hz[1] + wider_hz)
         self.modes = plate.modes(self.solved_hz)
         self._band_hz = band_hz
@@ -324,21 +323,6 @@ def judge_best(plate: GluedPlate, drive_hz: tuple[float, float], count: int, tas
         with suppress(UndrivenError):
             found.append(glued.judge(chosen, plate.patches))
     return max(found, key=lambda one: one.rank, default=None)
-
-
-def judge_within(design: FeltDesign, task: FeltTask, around_hz: float) -> FeltDesign:
-    """Return the design with all modes within `around_hz` of its drive known."""
-    drive_hz = design.drive_hz
-    glued = GluedModes(design.plate, (drive_hz, drive_hz), task, JUDGE_PLACES, around_hz)
-    count = len(design.modes)
-    firsts = range(len(glued.modes) - count + 1)
-
-    def away_hz(first: int) -> float:
-        pairs = zip(glued.modes[first : first + count], sorted(design.frequency_hz), strict=True)
-        return sum(abs(mode[0] - hz) for mode, hz in pairs)
-
-    first = min(firsts, key=away_hz)
-    return glued.judge(range(first, first + count), design.plate.patches, drive_hz)
 
 
 def place(

@@ -11,12 +11,11 @@ from ..config import person
 from ..config.sections import PlateConfig
 from ..core.friction import FrictionCurve
 from ..design.campaign import TaskRunner
-from ..design.felt_search import ORDERABLE, FeltDesign, Kit, judge_within, search
+from ..design.felt_search import ORDERABLE, FeltDesign, Kit, search
 from ..design.felt_tolerances import felt_tolerances
 from ..design.mode_choice import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED, FeltTask
 from ..design.plate_bounds import bounds
 from ..errors import CalibrationError, UsageError
-from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
 from . import campaigns, outputs, plate_arguments, plate_files, plate_places, plate_tables, plate_verdict
 from .arguments import number, whole
 from .plate_arguments import DRIVES
@@ -140,14 +139,12 @@ def run(options: argparse.Namespace) -> FeltDesign:
 
 
 def _searched(options: argparse.Namespace, task: FeltTask, campaign: TaskRunner) -> list[FeltDesign]:
-    """Return the designs, the best first, and that with all modes known that its file has. Raises HapticdError."""
+    """Return the designs, the best first. Raises HapticdError."""
     counts = plate_arguments.modes(options.modes)
     drive_hz = plate_arguments.span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
     plates, kits = plate_arguments.plates(options), _kits(options.place)
     try:
         designs = search(plates, counts, drive_hz, task, kits, campaign)
-        if designs:
-            designs[0] = judge_within(designs[0], task, AROUND_HZ)
     except ValueError as error:
         raise CalibrationError(f"This plate cannot be designed: {error}") from None
     if not designs:
