@@ -211,10 +211,10 @@ class FrameSolver:
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
         fingers, span_ns, tolerance_um = plan.fingers, plan.span_ns, self._tolerance_um
-        first = self._solve(fingers, plan.t_ns, begin, previous_um, 0)
+        first = self._solve(fingers, begin, previous_um, 0)
         if plan.most_knots == 1:
             return first, first, [Knot(0, first.modal_um)]
-        last = self._solve(fingers, plan.t_ns + span_ns, end, first.modal_um, span_ns)
+        last = self._solve(fingers, end, first.modal_um, span_ns)
         knots = [Knot(0, first.modal_um), Knot(span_ns, last.modal_um)]
         ways_mm = moved_mm(first.places, last.places)
         room = plan.most_knots - len(plan.corners_ns)
@@ -223,9 +223,8 @@ class FrameSolver:
         is_plain = is_plain and self._planner.bend_um(knots, ways_mm) <= tolerance_um
 
         def solve(dt_ns: int, before: Knot) -> Phasors:
-            t_ns = plan.t_ns + dt_ns
-            at = self.at(fingers.keys, t_ns)
-            return self._solve(fingers, t_ns, at, before.modal_um, dt_ns - before.dt_ns).modal_um
+            at = self.at(fingers.keys, plan.t_ns + dt_ns)
+            return self._solve(fingers, at, before.modal_um, dt_ns - before.dt_ns).modal_um
 
         times_ns: Sequence[int] = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
         if edges_ns or plan.corners_ns:
@@ -237,17 +236,13 @@ class FrameSolver:
             knots = refine(solve, knots, tolerance_um, plan.most_knots, solves, smooth=smooth)
         return first, last, knots
 
-    def _solve(
-        self, fingers: DrivenFingers, t_ns: int, at: FingerTargets, previous_um: Phasors, since_ns: int
-    ) -> ModalSolution:
+    def _solve(self, fingers: DrivenFingers, at: FingerTargets, previous_um: Phasors, since_ns: int) -> ModalSolution:
         """Evaluate the modes and solve, for one instant `since_ns` after another."""
         self._counters.solves += 1
         if not self._solver.has_contacts:
             return self._solver.solve(at.places, previous_um, since_ns)
-        variances_mm2, ranks = self._fingers.variances_mm2(fingers.keys, t_ns), fingers.priorities
-        return self._solver.solve(
-            at.places, previous_um, since_ns, variances_mm2, at.speed_gains, ranks, fingers.ellipses
-        )
+        ranks, ellipses = fingers.priorities, fingers.ellipses
+        return self._solver.solve(at.places, previous_um, since_ns, at.speed_gains, ranks, ellipses)
 
 
 # --- knots ---

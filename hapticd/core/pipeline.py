@@ -322,13 +322,13 @@ class Pipeline:
             raise ValueError(f"{len(keys)} fingers on the plate are too many to compute it in the time of a pass.")
         if isinstance(key, int) and key not in self._fingers.predictors:
             raise ValueError(f"finger {key} does not touch the plate.")
-        at, variances_mm2 = self._frame.at(keys, t_now_ns), self._fingers.variances_mm2(keys, t_now_ns)
+        at = self._frame.at(keys, t_now_ns)
         places, speed_gains, ellipses = at.places, at.speed_gains, self._frame.ellipses(keys)
         if key is None:
-            places, variances_mm2, speed_gains = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*speed_gains, 1.0]
+            places, speed_gains = [*places, (*place_mm, 0.0)], [*speed_gains, 1.0]
             ellipses = None if ellipses is None else [*ellipses, None]
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
-        return ReachSearch(self._solver, places, variances_mm2, speed_gains, priorities, ellipses).interval(calls)
+        return ReachSearch(self._solver, places, speed_gains, priorities, ellipses).interval(calls)
 
     # --- the steps of a pass ---
 

@@ -9,7 +9,7 @@ known, what is to be expected is a sum in quadrature:
 map       standard deviation of each shape at each place, of its peak: its noise, and its change since the scan.
 sensors   of each element of the matrix of sensors by modes: gain, phase and crosstalk.
 place     of the contact's centre on each axis: the pad's place, its centroid, and along the motion its latency. With
-          what the predictor expects of its own error it makes the contact larger, as for the solver (`plate.contact`).
+          what the predictor expects of its own error it makes the contact larger (`plate.contact`).
 
 The errors of a contact are waves as long as the shapes', so that they add to r^2 as few independent numbers do: it is
 taken as gamma distributed, of the same mean and variance. In laboratories the interval holds 93 % of the time.

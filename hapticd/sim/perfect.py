@@ -68,7 +68,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
                 (xx_mm, xy_mm, yy_mm) for xx_mm, xy_mm, yy_mm in known_mm[index, counts].tolist()
             ]
             gains = needed[index, counts].tolist()
-            solution = solver.solve(places, previous_um, every * TICK_NS, None, gains, None, ellipses)
+            solution = solver.solve(places, previous_um, every * TICK_NS, gains, None, ellipses)
             previous_um, limited[index] = solution.modal_um, solution.limited
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)

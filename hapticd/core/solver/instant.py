@@ -70,7 +70,6 @@ TO_ZERO: Final = (0.9, 0.97)  # frictions from which on a finger's points are pu
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
 WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
-MOST_GROWTH: Final = 1.5  # of a contact: one whose place is less certain than that is better served as it was
 NOISE: Final = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
 SAFE: Final = 1e100  # squares of larger numbers, or of their inverses, leave the range of floats
 DERATING_MM2_UM2: Final = 5.0  # least share of its target for a slipping finger, per slope of 1 um/mm under a still one
@@ -112,7 +111,7 @@ class InstantSolver:
     ) -> None:
         self.limits_um: Final = np.array(w_limit_um) * WIRE_FRAC
         self.contact_radius_mm: Final = contact_radius_mm
-        self.has_contacts: Final = contact_radius_mm > 0.0  # then places are taken with their variance
+        self.has_contacts: Final = contact_radius_mm > 0.0
         self.curve = friction_curve
         self._modes: Final = modes
         self._w_limit_um: Final = w_limit_um
@@ -126,14 +125,13 @@ class InstantSolver:
         places: list[AskedPlace],
         previous_um: Phasors,
         since_ns: int,
-        variances_mm2: list[float] | None = None,
         speed_gains: list[float] | None = None,
         priorities: list[int] | None = None,
         ellipses: list[ContactEllipse | None] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
-        `variances_mm2` (N,) of each place on each axis, `speed_gains` (N,), the gains of the amplitude that each finger
-        needs as it slides, `priorities` (N,), and `ellipses` (N,) where they are known."""
+        `speed_gains` (N,), the gains of the amplitude that each finger needs as it slides, `priorities` (N,), and
+        `ellipses` (N,) where they are known."""
         solution = None if self.has_contacts else self._solve_two(places, previous_um)
         if solution is not None:
             return solution
@@ -142,7 +140,7 @@ class InstantSolver:
             self._log_weights = [0.0] * fingers
         most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns if self.has_contacts else math.inf
         modal_um, achieved_um, limited = solve_felt(
-            self.shapes(self._disc, places, variances_mm2, ellipses),
+            self.shapes(self._disc, places, ellipses),
             self._weights,
             self.curve,
             targets_um,
@@ -159,7 +157,6 @@ class InstantSolver:
         self,
         disc: FloatArray,
         places: list[AskedPlace],
-        variances_mm2: list[float] | None = None,
         ellipses: list[ContactEllipse | None] | None = None,
         *,
         has_slopes: bool = False,
@@ -171,8 +168,7 @@ class InstantSolver:
             ellipse = None if ellipses is None else ellipses[finger]
             if ellipse is None:
                 ellipse = (self.contact_radius_mm, 0.0, self.contact_radius_mm)
-            scale = 1.0 if variances_mm2 is None else growth(variances_mm2[finger], ellipse)
-            contacts += [x_mm, y_mm, scale * ellipse[0], scale * ellipse[1], scale * ellipse[2]]
+            contacts += [x_mm, y_mm, *ellipse]
         return evaluate(self._modes.tables, disc, array("d", contacts), has_slopes)
 
     def _solve_two(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution | None:
@@ -200,14 +196,6 @@ class InstantSolver:
 
 def _along(row: Pair, modal_um: Pair) -> float:
     return row[0] * modal_um[0] + row[1] * modal_um[1]
-
-
-def growth(variance_mm2: float, ellipse: ContactEllipse) -> float:
-    """Return by how much a contact grows if its centre is uncertain, `variance_mm2` on each axis (`plate.contact`): up
-    to MOST_GROWTH, and not where the variance is unknown (NaN)."""
-    xx_mm, xy_mm, yy_mm = ellipse
-    square = 4.0 * variance_mm2 / (xx_mm * yy_mm - xy_mm * xy_mm)
-    return min(math.sqrt(1.0 + square), MOST_GROWTH) if square > 0.0 else 1.0
 
 
 def solve_felt(

@@ -32,14 +32,13 @@ _State = tuple[Phasors, list[float]]  # where a search is: amplitudes, and the f
 
 
 class ReachSearch:
-    """The fingers with their targets, of which the last is this one: their places, how uncertain these are, gains with
-    speed, priorities and ellipses, as `InstantSolver.solve` takes them."""
+    """The fingers with their targets, of which the last is this one: their places, gains with speed, priorities and
+    ellipses, as `InstantSolver.solve` takes them."""
 
     def __init__(
         self,
         solver: InstantSolver,
         places: list[AskedPlace],
-        variances_mm2: list[float],
         speed_gains: list[float],
         priorities: list[int],
         ellipses: list[ContactEllipse | None] | None = None,
@@ -50,7 +49,7 @@ class ReachSearch:
         self._priorities: Final = priorities
         rules = [np.array(SOLVED_DISC), np.array(JUDGED_DISC)]
         self._weights: Final = [np.ascontiguousarray(rule[:, 2]) for rule in rules]
-        self._shapes: Final = [solver.shapes(rule, places, variances_mm2, ellipses) for rule in rules]
+        self._shapes: Final = [solver.shapes(rule, places, ellipses) for rule in rules]
         self._allowed_jnd: list[float] = []
         self._calls = 0  # for each friction
 

@@ -135,7 +135,7 @@ def test_a_finger_that_slides_where_friction_depends_on_speed_gets_more_amplitud
     for target_um, stretch in ((0.4, 1.0), (0.8, 2.0)):
         one, modal_um = solver(plate, (10.0,) * 4), (0j,) * 4
         for _ in range(40):
-            solution = one.solve(places(PAIR_MM, (target_um, 0.0)), modal_um, 100 * MS, None, [stretch, stretch])
+            solution = one.solve(places(PAIR_MM, (target_um, 0.0)), modal_um, 100 * MS, [stretch, stretch])
             modal_um = solution.modal_um
         got_um.append(solution.achieved_um[0])
     assert got_um[1] == pytest.approx(2.0 * got_um[0], rel=0.01)
@@ -206,14 +206,11 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
         if data.draw(st.booleans()):
             points_mm[-1] = points_mm[0]
         wanted_um = data.draw(st.lists(st.sampled_from((0.0, 5e-324, 0.3, 1.0, 1e300)), min_size=count, max_size=count))
-        variances = data.draw(st.sampled_from((0.0, 5e-324, 0.05, 1e300, math.inf, math.nan)))
         one._log_weights = random.choice((0.0, 5e-324, 4.6, -4.6), count).tolist()
         since_ns = data.draw(st.sampled_from((1, 500_000, 17_000_000)))
         for _ in range(3):
             before_um = modal_um
-            solution = one.solve(
-                places(points_mm, tuple(wanted_um)), before_um, since_ns, [variances] * count, [1.0] * count
-            )
+            solution = one.solve(places(points_mm, tuple(wanted_um)), before_um, since_ns, [1.0] * count)
             modal_um = tuple(map(complex, solution.modal_um))
             assert np.isfinite(modal_um).all()
             assert np.isfinite(solution.achieved_um).all()
@@ -232,7 +229,7 @@ def test_whatever_ellipses_a_pad_reports_amplitudes_are_finite_and_within_the_li
     one, modal_um = solver(plate), (0j,) * 4
     for _ in range(3):
         found = [contact.ellipse for contact in contacts]
-        modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, [0.1, math.nan], ellipses=found).modal_um
+        modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, ellipses=found).modal_um
         assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(modal_um, LIMITS_UM, strict=True))
 
 

@@ -24,7 +24,7 @@ def solver() -> InstantSolver:
 
 def reached(places: list[AskedPlace], calls: int = ALL_CALLS) -> tuple[float, float] | None:
     count = len(places)
-    return ReachSearch(solver(), places, [0.0] * count, [1.0] * count, [0] * count).interval(calls)
+    return ReachSearch(solver(), places, [1.0] * count, [0] * count).interval(calls)
 
 
 def errors_jnd(places: list[AskedPlace]) -> np.ndarray:
