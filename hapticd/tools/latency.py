@@ -73,12 +73,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_config_arguments(parser)
     what = "duration (default 10); move two fingers meanwhile"
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
+    what_if = "touch nothing: simulate what faster and slower pads and lines would give, in two minutes"
+    parser.add_argument("--what-if", action="store_true", help=what_if)
     outputs.add_json(parser)
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
     parser.set_defaults(command=_latency)
 
 
 def _latency(options: argparse.Namespace) -> None:
+    if options.what_if:
+        from . import latency_felt
+
+        found = latency_felt.table()
+        latency_felt.print_table(found, outputs.table_stream(options.json))
+        if options.json is not None:
+            outputs.write_json({"what_if": latency_felt.figures(found)}, options.json)
+        return
     loaded = configuration(options)
     log_to_stderr(loaded.log.level)
     run(loaded, options.seconds, json_file=options.json, plot=options.plot)

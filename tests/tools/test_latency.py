@@ -12,7 +12,7 @@ from machine_bench import MS, SLIPPERY, STICKY, Bench
 from pictures import faults
 
 from hapticd.config.sections import Config
-from hapticd.tools import latency
+from hapticd.tools import latency, latency_felt
 from hapticd.tools.latency import STAGES, MeasuredLatency, draw, figures, gather, print_table
 
 
@@ -76,6 +76,22 @@ def test_the_picture_has_the_verdict_as_title_and_a_row_for_each_stage(
     medians_ms = [line.get_xdata()[0] for line in axes.lines if line.get_color() == "black"]
     assert medians_ms == [measured.stages[name].percentile_ns(50) * 1e-6 for name in STAGES]
     assert faults(figures[0]) == []
+
+
+def test_what_if_a_faster_pad_and_line_give_more_and_all_are_in_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"RATES_HZ": (60.0, 240.0), "AGES_MS": (3.0,), "SEEDS": (1,), "SECONDS": 2.0}.items():
+        monkeypatch.setattr(latency_felt, name, value)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})  # in this process
+    found, out = latency_felt.table(), io.StringIO()
+    slow, *_, fast = found.values()
+    assert slow + 0.1 < fast
+    latency_felt.print_table(found, out)
+    assert out.getvalue().splitlines()[-1].split() == [
+        "240",
+        "Hz",
+        *[f"{100 * share:.0f}" for share in found.values()][2:],
+    ]
+    assert latency_felt.figures(found)[0] == {"report_hz": 60.0, "age_ms": 3.0, "link_ms": 5.0, "felt_frac": slow}
 
 
 @pytest.mark.long
