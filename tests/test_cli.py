@@ -148,7 +148,7 @@ def test_a_demo_without_matplotlib_says_so_at_its_start_and_goes_on(
 ) -> None:
     played: list[Path | None] = []
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.setattr(demo, "_play", lambda _options, _sim, out: played.append(out))
+    monkeypatch.setattr(demo, "_play", lambda _options, out: played.append(out))
     code, output, _ = outcome(capsys, "demo")
     assert (code, played) == (0, [None])
     assert output.startswith(f"without a picture: A picture needs matplotlib: run `{sys.executable} -m pip install ")

@@ -22,7 +22,7 @@ LEAST_REFERENCE_FRAC = 0.25  # of a limit, however little is known of the sensor
 PAD_NAMES = ("usbc-usb", "mt2-usb", "usbc-bt", "mt2-bt", "mt1")
 TUIO_ADDRESS = "127.0.0.1:3333"
 PLATE_NAMES = ("reference", "fingertip", "wide")
-WIRING_NAMES = ("identity", "paper", "swapped", "inverted")
+WIRING_NAMES = ("identity", "paper")
 SCENARIO_NAMES = (
     "strokes",
     "guided",
@@ -208,7 +208,7 @@ class SimConfig:
     seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
     plate: str = key("reference", f"one of {', '.join(PLATE_NAMES)}, or a plate's file (.toml)")
     modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=MOST_MODES)
-    wiring: str = key("identity", "of amplifiers and sensors to the modes; two are wrong", choices=WIRING_NAMES)
+    wiring: str = key("identity", "of amplifiers and sensors to the modes", choices=WIRING_NAMES)
     rig_dir: str = key("", "directory of a running rig; empty: the daemon starts one")
 
     @property

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser, default: SimConfig | None = N
         choices=WIRING_NAMES,
         metavar="WIRING",
         help="of amplifiers and sensors. identity: one for each mode (default). paper: for sums and differences of "
-        "two modes. swapped, inverted: wrong ones, for tests of what finds them",
+        "two modes",
     )
 
 

@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 from pictures import faults
 
-from hapticd.config.sections import SimConfig
 from hapticd.errors import HapticdError
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import REAL
+from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.settings import Settings
-from hapticd.tools.demo.columns import columns, live_column, virtual_film
+from hapticd.tools.demo.columns import COLUMNS, LIVE, DemoColumn, virtual_film
 from hapticd.tools.demo.film import Film
 from hapticd.tools.demo.picture import draw, typical_instant
 from hapticd.tools.demo.program import COMPARED_S, SCENARIO, VIRTUAL_START_S, _connected, line, summary
@@ -27,8 +27,7 @@ STATUS: dict[str, dict[str, float]] = {"latency_ms": {}}
 
 
 PAPER = "the paper's scheme, reference plate, 2 modes"
-REFERENCE, FINGERTIP = "hapticd, reference plate, 2 modes", "hapticd, fingertip plate, 4 modes"
-WIDE = "hapticd, wide plate, 8 modes"
+REFERENCE = "hapticd, reference plate, 2 modes"
 
 
 def second(title: str) -> Film:
@@ -37,39 +36,11 @@ def second(title: str) -> Film:
     return Film.between(title, run.settings.plate, partial(getattr, run), 0.0, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("sim", "titles"),
-    [
-        (SimConfig(plate="fingertip", modes=4), [PAPER, FINGERTIP, WIDE]),
-        (SimConfig(plate="wide"), [PAPER, FINGERTIP, WIDE]),
-        (SimConfig(plate="fingertip", modes=5), [PAPER, "hapticd, fingertip plate, 5 modes", WIDE]),
-        (SimConfig(), [PAPER, REFERENCE, WIDE]),
-        (SimConfig(modes=4), [PAPER, "hapticd, reference plate, 4 modes", WIDE]),
-        (SimConfig(wiring="paper"), [f"{PAPER}, the paper's wires", f"{REFERENCE}, the paper's wires", WIDE]),
-        (SimConfig(wiring="swapped"), [PAPER, f"{REFERENCE}, swapped wires", WIDE]),
-    ],
-    ids=[
-        "usual",
-        "wide plate",
-        "5 modes",
-        "reference plate",
-        "4 modes on it",
-        "the paper's wires",
-        "wrong wires are the live column's alone",
-    ],
-)
-def test_the_live_column_takes_the_place_of_its_plate_and_the_papers_scheme_is_compared(
-    sim: SimConfig, titles: list[str]
-) -> None:
-    assert [column.title for column in columns(live_column(sim))] == titles
-
-
 def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
-    live = live_column(SimConfig())
-    run = second(live.title)
-    films = dict.fromkeys(columns(live), run)
-    rows = {row[:26].strip(): row[26:].split() for row in summary(films, live, STATUS).splitlines()}
-    assert rows["plate"] == ["reference", "reference", "wide"]
+    run = second(LIVE.title)
+    films = dict.fromkeys(COLUMNS, run)
+    rows = {row[:26].strip(): row[26:].split() for row in summary(films, STATUS).splitlines()}
+    assert rows["plate"] == ["reference", "fingertip", "wide"]
     assert rows["both felt as asked"] == [f"{run.score.felt_frac:.0%}"] * 3
     sticky = run.score.fingers[1]
     errors = f"{sticky.bias_jnd:.1f}, {sticky.median_jnd:.1f}, {sticky.error_95_jnd:.1f}"
@@ -78,14 +49,13 @@ def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
     assert rows["slippery contact, um RMS"] == [f"{run.score.contact_slip_um:.3f}"] * 3
     assert rows["contrast of the two"] == [f"{run.score.contrast:.1f}"] * 3
     assert rows["sticky centre, um RMS"] == [f"{run.score.leak_um:.3f}"] * 3
-    assert "times less vibration" in summary(films, live, STATUS)
+    assert "times less vibration" in summary(films, STATUS)
 
 
 def test_a_plate_that_is_not_driven_is_not_praised_for_its_silence() -> None:
-    live = live_column(SimConfig())
-    film = second(live.title)
+    film = second(LIVE.title)
     silent = replace(film, score=replace(film.score, leak_um=1e-4, slip_frac=0.0))
-    assert "times less" not in summary({**dict.fromkeys(columns(live), film), live: silent}, live, STATUS)
+    assert "times less" not in summary({**dict.fromkeys(COLUMNS, film), LIVE: silent}, STATUS)
 
 
 def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_path: Path, figures: list[Any]) -> None:
@@ -109,8 +79,7 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
 
 @pytest.mark.long
 def test_the_front_page_says_the_share_that_the_demo_prints_and_draws() -> None:
-    *_, wide = columns(live_column(SimConfig(plate="fingertip")))
-    film = virtual_film(wide, SCENARIO, 1, VIRTUAL_START_S, VIRTUAL_START_S + COMPARED_S)
+    film = virtual_film(COLUMNS[-1], SCENARIO, 1, VIRTUAL_START_S, VIRTUAL_START_S + COMPARED_S)
     shown = f"within one JND {100 * film.score.felt_frac:.0f} % of the time, two"
     assert shown in Path(__file__).parents[2].joinpath("README.md").read_text(encoding="utf-8")
 
@@ -122,7 +91,7 @@ def test_a_daemon_that_ends_is_not_waited_for(tmp_path: Path) -> None:
 
 
 def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
-    column = live_column(SimConfig())
+    column = DemoColumn("hapticd", PlateSettings())
     film = virtual_film(column, "strokes", 1, 0.5, 1.0)
     run = lockstep.run("strokes", settings=Settings(motion=REAL), seconds=1.0)
     same = Film.between(column.title, column.plate, partial(getattr, run), 0.5, 1.0)

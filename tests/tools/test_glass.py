@@ -28,7 +28,6 @@ def parsed(*words: str) -> argparse.Namespace:
     "command",
     [
         ("run", "--sim"),
-        ("demo",),
         ("view", "--sim"),
         ("doctor", "latency", "--sim"),
         ("play", "sound.wav", "--sim"),
@@ -51,20 +50,19 @@ def test_a_newcomer_is_shown_the_plate_for_whole_fingertips(monkeypatch: pytest.
 
     monkeypatch.setattr(view_program.signal, "signal", lambda *_: None)  # its handler would stay
     monkeypatch.setattr(view_program, "DaemonProcess", Service)
-    for options in ((), ("--modes", "6"), ("--plate", "reference")):
+    for options in ((), ("--modes", "3"), ("--plate", "reference")):
         assert main(["view", "--sim", "--port", "0", *options]) == 1
     assert started == [
         SimConfig(scenario="hands", plate="fingertip"),
-        SimConfig(scenario="hands", plate="fingertip", modes=6),
+        SimConfig(scenario="hands", plate="fingertip", modes=3),
         SimConfig(scenario="hands", plate="reference", modes=2),
     ]
-    assert glass.chosen(parsed("demo"), glass.SHOWN) == SimConfig(plate="fingertip")
 
 
 def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked() -> None:
-    options = parsed("run", "--sim", "--plate", "fingertip", "--modes", "5")
-    assert run.configuration(options).sim == SimConfig(plate="fingertip", modes=5)
-    assert run._check_command(options)[-5:] == ["--sim", "--plate", "fingertip", "--modes", "5"]
+    options = parsed("run", "--sim", "--plate", "fingertip", "--modes", "3")
+    assert run.configuration(options).sim == SimConfig(plate="fingertip", modes=3)
+    assert run._check_command(options)[-5:] == ["--sim", "--plate", "fingertip", "--modes", "3"]
 
 
 @pytest.mark.parametrize(
@@ -72,7 +70,7 @@ def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked(
     [
         ("run --modes 5", "--modes: 5 modes cannot be driven on the reference plate: give 2 to 4."),
         ("view --plate fingertip", "--plate, --copy, --modes and --wiring name a simulated plate: give --sim as well."),
-        ("demo --modes 9", "--modes: 9 modes cannot be driven on the fingertip plate: give 2 to 6."),
+        ("view --sim --modes 9", "--modes: 9 modes cannot be driven on the fingertip plate: give 2 to 4."),
         ("view --sim --wiring paper", "this plate drives 4: choose the reference plate, or 2 modes."),
         ("simulate strokes --copy 1", "--plate: this plate has no copies, as it has no patches"),
         ("simulate strokes --plate steel", "there is no plate 'steel': give reference, fingertip, wide, or a file;"),

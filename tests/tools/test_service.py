@@ -108,13 +108,13 @@ def test_a_rig_is_started_with_the_configured_plate(
 
     monkeypatch.setattr(service, "RigProcess", NoRig)
     own = replace(configuration.sim, rig_dir="", plate="fingertip")
-    for sim in (own, own, replace(own, modes=5)):
+    for sim in (own, own, replace(own, modes=3)):
         config_loader.prepare(replace(configuration, sim=sim))
-    with pytest.raises(ConfigError, match=r"sim.modes: 7 modes cannot be driven .*: give 2 to 6"):
+    with pytest.raises(ConfigError, match=r"sim.modes: 7 modes cannot be driven .*: give 2 to 4"):
         config_loader.prepare(replace(configuration, sim=replace(own, modes=7)))
     with pytest.raises(ConfigError, match=r"sim.wiring: the paper's wiring has two amplifiers .* drives 4: choose"):
         config_loader.prepare(replace(configuration, sim=replace(own, wiring="paper")))
-    assert started == [("fingertip", 4, "identity"), ("fingertip", 5, "identity")]
+    assert started == [("fingertip", 4, "identity"), ("fingertip", 3, "identity")]
 
 
 def test_what_cannot_run_is_refused_and_nothing_is_opened(

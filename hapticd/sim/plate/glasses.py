@@ -3,8 +3,7 @@
 reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y, at the frequency that was measured, are driven; the
             next pair is 115 Hz below them.
 fingertip   200 x 200 x 2 mm: four modes of one family within 156 Hz of the drive, the next one 408 Hz away, so that a
-            whole fingertip can be still, by four patches of 20 x 10 x 0.5 mm; for five and six modes by six, which make
-            other modes of it, within 112 Hz of the drive.
+            whole fingertip can be still, by four patches of 20 x 10 x 0.5 mm.
 wide        210 x 210 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 156 Hz of the
             drive, the next one 549 Hz away, by eight patches of 20 x 10 x 0.5 mm.
 
@@ -130,24 +129,6 @@ GLASSES = {
         ),
     ),
 }
-_FINGERTIP_OF_SIX = "fingertip with six patches"
-_SIX_PATCHES = Glass(
-    size_mm=(200.0, 200.0),
-    thickness_mm=2.0,
-    band_hz=(33125.9 - FARTHEST_HZ, 33125.9 + FARTHEST_HZ),
-    drive_hz=33125.9,
-    modes=("8x15", "17x2", "15x8", "12x12", "6x16", "2x17", "13x11", "12x12#2", "11x13", "17x1"),
-    driven=6,
-    reach_um=(6.124, 8.544, 12.458, 14.323, 13.07, 16.407),
-    patches=(
-        (90.0, -27.5, 20.0, 10.0, 0.5),
-        (7.5, 90.0, 10.0, 20.0, 0.5),
-        (-5.0, -90.0, 10.0, 20.0, 0.5),
-        (90.0, -50.0, 20.0, 10.0, 0.5),
-        (25.0, -90.0, 10.0, 20.0, 0.5),
-        (-7.5, 90.0, 10.0, 20.0, 0.5),
-    ),
-)
 
 
 def glued(glass: Glass) -> GluedPlate:
@@ -168,17 +149,10 @@ def _copied(drawn: Glass, number: int) -> CopiedGlass:
     return CopiedGlass(**set_up(glued(drawn), drawn.drive_hz, number))
 
 
-def as_built(plate: str, driven: int) -> str:
-    """Return the name by which `find_glass` has a plate with the patches for this many driven modes."""
-    return _FINGERTIP_OF_SIX if plate == FINGERTIP and driven > GLASSES[FINGERTIP].driven else plate
-
-
 def find_glass(name: str) -> Glass:
     """Return one of GLASSES, the plate of a file, or a copy of either. Raises SimulationError, a ValueError."""
     if name in GLASSES:
         return GLASSES[name]
-    if name == _FINGERTIP_OF_SIX:
-        return _SIX_PATCHES
     drawn, mark, number = name.rpartition(COPY)
     if mark and number.isdecimal():
         return _copied(find_glass(drawn), int(number))
@@ -189,7 +163,7 @@ def find_glass(name: str) -> Glass:
 
 def most_driven(plate: str) -> int:
     """Return how many modes of a plate may have an amplifier. Raises SimulationError, a ValueError."""
-    glass = find_glass(as_built(plate, MOST_MODES))
+    glass = find_glass(plate)
     reached = len(glass.reach_um) if isinstance(glass.reach_um, tuple) else MOST_MODES
     return min(len(glass.modes) - LEAST_PARASITIC, reached)
 

@@ -29,7 +29,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes, ParasiticModes
 
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
-from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, CopiedGlass, as_built, find_glass, most_driven
+from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, CopiedGlass, find_glass, most_driven
 from .shape_tables import ModeScan, coupled, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .stored import SCANS
@@ -93,7 +93,7 @@ class PlateSettings:
         driven = find_glass(plate).driven if driven_modes is None else driven_modes
         if plate == REFERENCE:
             return cls(driven_modes=driven, wiring=wiring)
-        glass = find_glass(as_built(plate, driven))
+        glass = find_glass(plate)
         return cls(
             plate=plate,
             drive_hz=glass.drive_hz,
@@ -103,11 +103,6 @@ class PlateSettings:
             sized_for_damping=1.0,
             wiring=wiring,
         )
-
-    @property
-    def glass(self) -> str:
-        """The name of the plate with the patches for these modes, for `find_glass`."""
-        return as_built(self.plate, self.driven_modes)
 
     def __post_init__(self) -> None:
         most = most_driven(self.plate)
@@ -135,8 +130,8 @@ class GroundTruth:
         built_hz = _built_hz(settings)
         driven_hz = built_hz[: settings.driven_modes]
         world = settings.world
-        names = find_glass(settings.glass).modes[: len(built_hz)]
-        disturbed = settings.glass, names, world.of_plate, tuple(built_hz.tolist())
+        names = find_glass(settings.plate).modes[: len(built_hz)]
+        disturbed = settings.plate, names, world.of_plate, tuple(built_hz.tolist())
         risen_hz = coupled(*disturbed)[1] if world.couples_modes else np.zeros(len(built_hz))
         self.frequency_hz = _read_only(built_hz + settings.detune_hz + world.mistuning_hz + risen_hz)
         self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor)
@@ -145,7 +140,7 @@ class GroundTruth:
         parasitic = len(built_hz) - len(own)
         wires = wiring(settings.wiring, len(own))
         driven = np.diag(own) @ wires.drives
-        glass = find_glass(settings.glass)
+        glass = find_glass(settings.plate)
         self._pushed: FloatArray | None = None
         pushed = np.tile(settings.parasitic_coupling * own, (parasitic, 1))
         if isinstance(glass, CopiedGlass):
@@ -210,7 +205,7 @@ class GroundTruth:
         settings = self.settings
         parasitic = slice(settings.driven_modes, None)
         return ParasiticModes(
-            mode_map(settings.glass, *self.scan(seed, is_driven=False)),
+            mode_map(settings.plate, *self.scan(seed, is_driven=False)),
             self.decay_1_s[parasitic].tolist(),
             self.detuning_rad_s[parasitic].tolist(),
         )
@@ -221,10 +216,10 @@ class GroundTruth:
         Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape. There are
         SCANS of each plate; seeds repeat them. On a copy the motion of undriven modes is compensated.
         """
-        driven = mode_map(self.settings.glass, *self.scan(seed, is_driven=True))
+        driven = mode_map(self.settings.plate, *self.scan(seed, is_driven=True))
         if self._pushed is None:
             return driven
-        others = mode_map(self.settings.glass, *self.scan(seed, is_driven=False))
+        others = mode_map(self.settings.plate, *self.scan(seed, is_driven=False))
         return ModeShapes(driven.x_mm, driven.y_mm, driven.shapes + np.tensordot(self._pushed.T, others.shapes, 1))
 
     def scan(self, seed: int, is_driven: bool) -> tuple[tuple[str, ...], ModeScan]:
@@ -240,8 +235,8 @@ class GroundTruth:
 def _built_hz(settings: PlateSettings) -> FloatArray:
     """Return the frequencies of all modes as built, before drift."""
     count = _LEAST_ALL if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + LEAST_PARASITIC
-    names = find_glass(settings.glass).modes[:count]
-    theory_hz = np.array([theory(name, settings.glass)[0] for name in names])
+    names = find_glass(settings.plate).modes[:count]
+    theory_hz = np.array([theory(name, settings.plate)[0] for name in names])
     if settings.plate != REFERENCE:
         is_pair = np.isclose(theory_hz[:, None], theory_hz, rtol=1e-9)
         is_first = is_pair.argmax(axis=1) == np.arange(len(names))

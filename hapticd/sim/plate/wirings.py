@@ -2,8 +2,7 @@
 
 `identity` gives each mode an amplifier and a sensor of its own. `paper` is the founding paper's rig: four patches on
 two amplifiers, v_x = V_A - V_C + V_B - V_D and v_y = V_A - V_C - V_B + V_D, so that each amplifier drives the sum or
-the difference of the modes; the sensors see them so too. In `swapped` and `inverted` the wires are wrong, and the board
-does not know.
+the difference of the modes; the sensors see them so too.
 """
 
 from __future__ import annotations
@@ -17,9 +16,7 @@ from ...values import FloatArray
 
 IDENTITY: Final = "identity"
 PAPER: Final = "paper"
-SWAPPED: Final = "swapped"
-INVERTED: Final = "inverted"
-WIRINGS: Final = (IDENTITY, PAPER, SWAPPED, INVERTED)
+WIRINGS: Final = (IDENTITY, PAPER)
 
 _SUM_AND_DIFFERENCE = ((1.0, 1.0), (1.0, -1.0))
 
@@ -29,7 +26,7 @@ class Wiring:
     """The true wiring and the board's: matrices (M, M), and what one volt of the board's `drive` does to a mode.
 
     `drives` modes by amplifiers, `senses` sensors by modes; `drive` amplifiers by modes, at most 1, and `sense` modes
-    by sensors are their inverses as far as the board knows.
+    by sensors are their inverses.
     """
 
     drives: FloatArray
@@ -46,13 +43,10 @@ def wiring(name: str, modes: int) -> Wiring:
     own = np.eye(modes)
     if name == IDENTITY:
         return Wiring(own, own, own, own, 1.0)
-    if name == PAPER:
-        if modes != 2:
-            raise ValueError(
-                f"the paper's wiring has two amplifiers for two modes, and this plate drives {modes}: "
-                "choose the reference plate, or 2 modes."
-            )
-        mixed = np.array(_SUM_AND_DIFFERENCE)
-        return Wiring(mixed, mixed / np.sqrt(2.0), mixed, mixed / np.sqrt(2.0), 2.0)
-    wrong = own[[1, 0, *range(2, modes)]] if name == SWAPPED else np.diag([1.0] * (modes - 1) + [-1.0])
-    return Wiring(wrong, own, own, own, 1.0)
+    if modes != 2:
+        raise ValueError(
+            f"the paper's wiring has two amplifiers for two modes, and this plate drives {modes}: "
+            "choose the reference plate, or 2 modes."
+        )
+    mixed = np.array(_SUM_AND_DIFFERENCE)
+    return Wiring(mixed, mixed / np.sqrt(2.0), mixed, mixed / np.sqrt(2.0), 2.0)

@@ -44,7 +44,7 @@ def source(options: argparse.Namespace) -> str:
 def scan(seed: int, plate: SimConfig) -> Scan:
     """Return complex readings of all modes near the drive, and what a sweep shows of them."""
     truth = GroundTruth(PlateSettings.of(plate.plate, plate.modes or None))
-    glass = truth.settings.glass
+    glass = truth.settings.plate
     names = find_glass(glass).modes[: len(truth.frequency_hz)]
     phase_rad = DRIVE_PHASE_RAD + PHASE_STEP_RAD * np.arange(len(names))
     points_mm, readings = sample_scan(

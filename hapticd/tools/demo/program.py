@@ -24,18 +24,16 @@ from typing import Any
 import hapticd_client
 from hapticd_client import Client, PlateState
 
-from ...config.sections import SimConfig
 from ...errors import HapticdError
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, with_motion
 from ...sim.fingers.scripted import ScriptedClient
-from ...sim.plate.wirings import IDENTITY
 from ...sim.rig.process import RigProcess
 from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
-from .. import glass, outputs, plotting
+from .. import outputs, plotting
 from ..arguments import POSITIVE, whole
 from ..daemon_process import DaemonProcess
-from .columns import MOTION, DemoColumn, columns, live_column, virtual_film
+from .columns import COLUMNS, LIVE, MOTION, DemoColumn, virtual_film
 from .film import Film
 from .picture import draw
 
@@ -57,7 +55,6 @@ VIRTUAL_START_S = 1.0  # the fingers have landed
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help="duration (default 10)")
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
-    glass.add_arguments(parser, glass.SHOWN)
     outputs.add_file(parser, "--out", outputs.PICTURE, metavar="F.png", help="the picture (default demo.png)")
     parser.add_argument("--view", action="store_true", help="open the plate's page in the browser meanwhile")
     parser.set_defaults(command=run)
@@ -65,10 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the demo, print the summary and write the picture; the page of `hapticd view` is served meanwhile."""
-    sim = glass.chosen(options, glass.SHOWN)
     out = _picture_file(options)
     try:
-        _play(options, sim, out)
+        _play(options, out)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
 
@@ -87,19 +83,12 @@ def _picture_file(options: argparse.Namespace) -> Path | None:
     return DEFAULT_OUT
 
 
-def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None:
-    seed, live = options.seed, live_column(sim)
+def _play(options: argparse.Namespace, out: Path | None) -> None:
+    seed = options.seed
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, lambda *_: sys.exit(0))  # ends the child processes too
-    rig = RigProcess(
-        *(SCENARIO, seed),
-        motion=MOTION,
-        plate=sim.plate,
-        modes=sim.modes,
-        wiring=sim.wiring,
-        record=True,
-    )
+    rig = RigProcess(SCENARIO, seed, motion=MOTION, plate=LIVE.plate.plate, record=True)
     with (
         rig,
         DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon,
@@ -113,14 +102,12 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
             raise HapticdError(status["board"]["refused"])
     compared_s = min(options.seconds, COMPARED_S)
     print("\nscoring it, and the same fingers in virtual time ...", flush=True)
-    ours = Film.between(f"{live.title}, live", live.plate, rig.history.__getitem__, t_asked_s, t_asked_s + compared_s)
+    ours = Film.between(f"{LIVE.title}, live", LIVE.plate, rig.history.__getitem__, t_asked_s, t_asked_s + compared_s)
     window_s = VIRTUAL_START_S, VIRTUAL_START_S + compared_s
-    films = {
-        column: ours if column == live else virtual_film(column, SCENARIO, seed, *window_s) for column in columns(live)
-    }
+    films = {column: ours if column == LIVE else virtual_film(column, SCENARIO, seed, *window_s) for column in COLUMNS}
     if out is not None:
         draw(list(films.values()), out, seconds=PICTURE_S, source=f"{SOURCE}{seed}")
-    print(summary(films, live, status))
+    print(summary(films, status))
     print("All have a noisy map of the driven modes.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
@@ -130,9 +117,9 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
     print(f"To touch such a plate yourself, in the browser: {shlex.quote(caller)} view --sim")
 
 
-def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str, Any]) -> str:
-    """Return the scores and latencies as a few lines; the column `live` ran in real time."""
-    latency, scores, ours = status["latency_ms"], [film.score for film in films.values()], films[live]
+def summary(films: Mapping[DemoColumn, Film], status: dict[str, Any]) -> str:
+    """Return the scores and latencies as a few lines."""
+    latency, scores, ours = status["latency_ms"], [film.score for film in films.values()], films[LIVE]
 
     def row(name: str, cells: Iterable[str]) -> str:
         return f"{name:<27}" + "".join(f"{cell:>16}" for cell in cells)
@@ -146,8 +133,7 @@ def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str
         row("", [column.scheme for column in films]),
         row("plate", [column.plate.plate for column in films]),
         row("", [f"{column.plate.driven_modes} modes" for column in films]),
-        *([row("wires", [column.wires for column in films])] if live.wires != IDENTITY else []),
-        row("", ["live" if column == live else "" for column in films]),
+        row("", ["live" if column == LIVE else "" for column in films]),
         row("both felt as asked", [f"{score.felt_frac:.0%}" for score in scores]),
         row("both within two JND", [f"{score.within_two_frac:.0%}" for score in scores]),
         row("slippery error, JND", errors(0)),

@@ -18,14 +18,15 @@ from hapticd.tools.calibrate.resonance import refined, sweep_modes
 from hapticd.tools.calibrate.step import Outcome
 from hapticd.tools.firmware.conversation import Conversation
 from hapticd.tools.firmware.sweep import ModeSweep
+from hapticd.values import FloatArray
 
 PLAN = Sweep(0, 29105.0, 29305.0, 21, 70, 15.0)
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0)
 
 
-def swept(settings: PlateSettings) -> resonance.MeasuredModes:
+def swept(settings: PlateSettings, plate: GroundTruth | None = None) -> resonance.MeasuredModes:
     async def sweep() -> resonance.MeasuredModes:
-        async with Conversation(PlateLink(GroundTruth(settings)), "the bench") as board:  # type: ignore[arg-type]
+        async with Conversation(PlateLink(plate or GroundTruth(settings)), "the bench") as board:  # type: ignore[arg-type]
             return await sweep_modes(board, PLAN)
 
     found: resonance.MeasuredModes = in_virtual_time(sweep())
@@ -51,17 +52,25 @@ def test_every_mode_is_found_within_half_a_hertz_and_three_percent_of_quality(se
 
 
 @pytest.mark.parametrize(
-    ("wiring", "sentence"),
+    ("wiring", "patches", "sentence"),
     [
-        ("paper", ""),
-        ("swapped", "Amplifiers 0 and 1, or their sensors, are swapped: amplifier 0 moves sensor 1."),
-        ("inverted", "Amplifier 1 or sensor 1 is inverted: the sensor moves against the amplifier."),
+        ("paper", np.eye(2), ""),
+        ("identity", np.eye(2)[::-1], "Amplifiers 0 and 1, or their sensors, are swapped: amplifier 0 moves sensor 1."),
+        (
+            "identity",
+            np.diag([1.0, -1.0]),
+            "Amplifier 1 or sensor 1 is inverted: the sensor moves against the amplifier.",
+        ),
     ],
 )
-def test_wires_are_measured_and_what_is_wrong_with_them_is_said(wiring: str, sentence: str) -> None:
+def test_wires_are_measured_and_what_is_wrong_with_them_is_said(
+    wiring: str, patches: FloatArray, sentence: str
+) -> None:
     """In the paper's wiring each amplifier drives both modes, and both sensors see both."""
     settings = PlateSettings(wiring=wiring)
-    truth, measured = GroundTruth(settings), swept(settings)
+    truth = GroundTruth(settings)
+    truth.gain_um_per_v_s = truth.gain_um_per_v_s @ patches
+    measured = swept(settings, truth)
     found = resonance.verdict(HELLO, measured, {}, is_simulated=True)
     assert found.outcome is (Outcome.WARN if sentence else Outcome.PASS)
     assert sentence in found.sentence
