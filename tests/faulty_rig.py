@@ -12,13 +12,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from carrier_board import CarrierBoard, Converters, Lead
 from mistakes import DANGEROUS, Mistake
 
 from hapticd.design.commissioning.findings import Diagnosis, Flaw
 from hapticd.design.commissioning.rest import AMPLIFIER_FAULT, EMERGENCY_STOP
 from hapticd.sim.bench import SUPPLIES_V, SimulatedBench
 from hapticd.sim.board.board import FLAG_LIVE, Board, BoardTrace, PlateModel
-from hapticd.sim.board.carrier import Converters, Lead
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.world import board_config, plate_model
 from hapticd.values import FloatArray
@@ -67,7 +67,7 @@ class FaultyRig(SimulatedBench):
         converters = Converters()
         config = board_config(self.plate, self.plate.w_limit_um)
         phase = converters.loop_phase_rad(config.drive_hz)
-        board = Board(
+        board = CarrierBoard(
             self._model(),
             config=replace(config, loop_phase_rad=(phase,) * self.modes, drive=None, sense=None),
             seed=self._seed,

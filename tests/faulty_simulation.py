@@ -79,7 +79,8 @@ class FaultySimulation(Simulation):
     def reset_board(self, _t_ns: int) -> None:
         """Watchdog reset: the port stays open, without a board behind it for BOOT_S."""
         self._resets += 1
-        self.world.reset_board(self.seed + 1000 * self._resets)  # each boot has a new id
+        self.world.board.reset(self.seed + 1000 * self._resets)  # each boot has a new id
+        self.world._board_start_us = self.world.board.unwrapped_us - round(self.world.t_s * 1e6)
         self._carries["board"] = False
         self.at((self._t_ns - T_START_NS) * 1e-9 + BOOT_S, lambda _: self._carries.update(board=True))
 

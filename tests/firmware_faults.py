@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from carrier_board import CarrierBoard, Converters
 
 from hapticd import board_protocol as protocol
 from hapticd.board_protocol import LogRequest
 from hapticd.board_values import BoardLog
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.sim.board.carrier import Converters
 from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
 from hapticd.values import FloatArray
@@ -61,7 +61,7 @@ def board(
         sense=wires.sense,
         loop_phase_rad=through,
     )
-    return Board(plate, config=known, converters=converters)
+    return CarrierBoard(plate, config=known, converters=converters)
 
 
 def held(driven: Board, asked_um: tuple[float, float], seconds: float = SECONDS) -> Run:

@@ -155,11 +155,6 @@ class World:
         """Deliver bytes to the board at `t_s`, after the last tick and before the next."""
         self.board.receive(data, self._board_start_us + round(max(t_s, self.t_s) * 1e6))
 
-    def reset_board(self, boot_id: int) -> None:
-        """Reset the processor and its clock after the last tick; the plate continues."""
-        self.board.reset(boot_id)
-        self._board_start_us = self.board.unwrapped_us - round(self.t_s * 1e6)
-
     def recording(self) -> WorldRecording:
         """Return the history so far."""
         t_s = np.concatenate([t_s for t_s, _, _ in self._kept])

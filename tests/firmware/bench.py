@@ -12,6 +12,7 @@ import numpy as np
 from hapticd.board_protocol import BoardVerdict, ClearFault, CommandResult, Keepalive, LogRequest
 from hapticd.board_values import BoardCommand, BoardLog, BoardMessage, BoardStatus
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.closed_loop import PHASE_S, follow, stepped
 from hapticd.values import ComplexArray, Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 from hapticd.wire.commands import encode
@@ -31,6 +32,12 @@ def nominal_plate(config: BoardConfig, **changes: Any) -> PlateModel:
         amplifier_limit_v=config.v_limit_v,
     )
     return replace(plate, **changes)
+
+
+def step_trace(board: Board, from_um: ComplexArray, to_um: ComplexArray) -> BoardTrace:
+    """0.1 s of one reference, then 0.1 s of another."""
+    ticks = round(PHASE_S * board.config.control_hz)
+    return follow(board, stepped(from_um, to_um), 2 * ticks, ticks // 10)
 
 
 def untouched(board: Board, ticks: int) -> BoardTrace:

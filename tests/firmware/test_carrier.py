@@ -9,11 +9,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
+from carrier_board import SAMPLE_HZ
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.sim.board import firmware
-from hapticd.sim.board.carrier import SAMPLE_HZ
 
 from .signal_chain import CHUNK, MID_RAIL, SignalChain
 

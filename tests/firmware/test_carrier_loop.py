@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from carrier_board import CarrierBoard, Converters
 
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace
-from hapticd.sim.board.carrier import Converters
 from hapticd.sim.board.closed_loop import follow, settling_ms
 from hapticd.values import ComplexArray
 
@@ -28,7 +28,7 @@ def new_board(
     if known_phase_rad is None:
         known_phase_rad = 0.0 if converters is None else converters.loop_phase_rad(DRIVE_HZ)
     config = BoardConfig(controller=controller, control_hz=control_hz, loop_phase_rad=(known_phase_rad,) * 2)
-    return Board(nominal_plate(config), config=config, converters=converters)
+    return CarrierBoard(nominal_plate(config), config=config, converters=converters)
 
 
 def stepped(board: Board, amplitude_um: float) -> BoardTrace:

@@ -21,14 +21,13 @@ from hapticd.sim.board.closed_loop import (
     follow,
     measure,
     settling_ms,
-    step_trace,
     stepped,
 )
 from hapticd.sim.score import rms
 from hapticd.values import ComplexArray
 from hapticd.wire import device
 
-from .bench import Bench, constantly, nominal_plate, of_kind
+from .bench import Bench, constantly, nominal_plate, of_kind, step_trace
 
 DEADBEAT, PI_FF, PI = Law("deadbeat"), Law("pi_ff"), Law("pi")
 FAST = Law("deadbeat", 5000.0)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from carrier_board import fake_measurement
 
 from hapticd.board_protocol import BoardState, HelloRequest, Keepalive
 from hapticd.board_values import BoardStatus, SetController
@@ -39,7 +40,7 @@ def test_a_silent_host_leads_to_a_silent_plate_within_60_ms(t_start_us: int) -> 
 
 def test_the_voltage_ramps_down_even_if_the_sensors_lie(bench: Bench) -> None:
     bench.arm(1 + 0j, 0j)
-    bench.board.fake_measurement(np.array([-3.0, 3.0]))
+    fake_measurement(bench.board, np.array([-3.0, 3.0]))
     trace = bench.run(160)
     bound = bench.config.v_limit_v * np.clip(1 - (np.arange(160) - 79) / 20, 0, 1)  # armed 20 ticks ago
     assert (np.abs(trace.voltage_v).max(axis=1) <= bound + 1e-3).all()
@@ -146,7 +147,7 @@ def test_a_measurement_that_makes_no_sense_is_silence_in_time(
 ) -> None:
     """In the same tick if it, or the voltage that the gain makes of it, is not finite; else once it is sure."""
     bench.arm(2 + 0j, 0j)
-    bench.board.fake_measurement(np.array(measured_um))
+    fake_measurement(bench.board, np.array(measured_um))
     trace = bench.hold(within_ticks + 40)
     assert (trace.voltage_v[within_ticks:] == 0).all()
     assert (np.abs(trace.voltage_v[: within_ticks - 1, 0]) > 0).any() or within_ticks == 0
@@ -156,9 +157,9 @@ def test_a_measurement_that_makes_no_sense_is_silence_in_time(
 
 def test_a_fault_stays_until_it_is_cleared(bench: Bench) -> None:
     bench.arm(1 + 0j, 0j)
-    bench.board.fake_measurement(np.array([math.nan, 0]))
+    fake_measurement(bench.board, np.array([math.nan, 0]))
     bench.run(1)
-    bench.board.fake_measurement(None)
+    fake_measurement(bench.board, None)
     bench.say(device.encode(HelloRequest()))
     bench.arm(1 + 0j, 0j)
     assert not live(bench.hold(100).flags).any()

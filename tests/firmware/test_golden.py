@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from carrier_board import fake_measurement
 
 from hapticd import board_protocol as protocol
 from hapticd.board_protocol import (
@@ -99,7 +100,7 @@ def new_board() -> Board:
     gain = np.diag(config.gain_um_per_v_s)
     model = PlateModel(np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
     board = Board(model, config=config, boot_id=0x1234, t_start_us=T_START_US)
-    board.fake_measurement(MEASURED_UM)
+    fake_measurement(board, MEASURED_UM)
     return board
 
 
@@ -128,7 +129,7 @@ def conversation() -> Iterator[dict[str, Any]]:
         if isinstance(step, int):
             yield from run(board, step)
         elif isinstance(step, np.ndarray):
-            board.fake_measurement(step)
+            fake_measurement(board, step)
         else:
             line = encode(step)
             yield {"host": type(step).__name__, "line": line.hex(), "value": plain(step)}

@@ -8,11 +8,11 @@ from __future__ import annotations
 import firmware_faults
 import numpy as np
 import pytest
+from carrier_board import Converters
 from soak import endurance
 
 from hapticd.board_protocol import FAULTS
 from hapticd.sim.board.board import Board, BoardConfig
-from hapticd.sim.board.carrier import Converters
 from hapticd.sim.board.closed_loop import NOISE_UM, follow
 
 from .bench import constantly, nominal_plate, quiet_after_ms

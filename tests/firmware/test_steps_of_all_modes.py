@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hapticd.sim.board.board import Board, BoardConfig
-from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC, step_trace
+from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC
 from hapticd.values import ComplexArray
 
-from .bench import nominal_plate
+from .bench import nominal_plate, step_trace
 
 DECAY_1_S = 183.0
 # By ticks a second, and by how far modes may be from the drive, Hz.

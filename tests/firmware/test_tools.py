@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from carrier_board import fake_measurement
 
 from hapticd import board_protocol as protocol
 from hapticd.board_protocol import (
@@ -59,7 +60,7 @@ def test_a_point_is_the_mean_over_the_second_half_of_its_dwell(bench: Bench) -> 
     bench.say(encode(Sweep(0, 29205.0, 29205.0, points=1, dwell_ms=5, voltage_v=1.5)))
     bench.run(1)  # 1.5 V a tick: the voltage is there
     for i in range(10):
-        bench.board.fake_measurement(np.array([0.1 * i + 0j, -0.1j * i]))
+        fake_measurement(bench.board, np.array([0.1 * i + 0j, -0.1j * i]))
         bench.run(1)
     (point,) = bench.heard(SweepPoint)
     np.testing.assert_allclose(point.measured_um, [0.7, -0.7j], rtol=1e-6)  # of ticks 5 to 9
@@ -141,7 +142,7 @@ def test_a_measurement_that_makes_no_sense_ends_a_tool_as_a_fault(
 ) -> None:
     bench.say(encode(command))
     bench.run(20)
-    bench.board.fake_measurement(np.array(measured_um, complex))
+    fake_measurement(bench.board, np.array(measured_um, complex))
     assert (bench.hold(20).voltage_v[ticks:] == 0).all()
     assert bench.status().state is BoardState.QUIET  # asking clears it
     (entry,) = bench.log().entries
@@ -171,7 +172,7 @@ def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
     assert bench.verdict(command) is CommandResult.DONE
     assert bench.verdict(SWEEP) is CommandResult.NOT_QUIET
     assert bench.verdict(SetController("pi")) is CommandResult.NOT_QUIET
-    bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
+    fake_measurement(bench.board, np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
     assert bench.verdict(command) is CommandResult.NOT_QUIET
 
@@ -199,7 +200,7 @@ def test_the_log_keeps_the_last_eight_events_and_counts_all(bench: Bench) -> Non
     for _ in range(10):
         bench.arm(1 + 0j, 0j)
         bench.run(160)
-    bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
+    fake_measurement(bench.board, np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
     found = bench.log()
     assert (found.reset_cause, found.events) == (RESET_POWER, 11)

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ...config.sections import MOST_MODES
-from .carrier import Converters, Lead
-from .firmware import ConverterSetup, LeadSetup, Setup, doubles, load
+from .firmware import Setup, doubles, load
 from .trace import BoardTrace as BoardTrace
 from .trace import TickBuffers
 
@@ -134,8 +133,7 @@ class Board:
     """A running board at the instant of its last tick; `run` advances it.
 
     `t_start_us` is the instant of its boot on a clock that does not wrap, one tick before its first tick; the board's
-    own clock is that modulo 2^32. With `converters` the carrier is simulated too, sample by sample; they then replace
-    the model's `noise_um` and `loop_phase_rad`.
+    own clock is that modulo 2^32.
     """
 
     def __init__(
@@ -146,26 +144,19 @@ class Board:
         seed: int = 0,
         boot_id: int = 1,
         t_start_us: int = 0,
-        converters: Converters | None = None,
     ) -> None:
         config = BoardConfig() if config is None else config
         if len(config.w_limit_um) != model.modes:
             raise ValueError(
                 f"The board is configured for {len(config.w_limit_um)} modes, its plate has {model.modes}."
             )
-        if converters is not None and any(model.loop_phase_rad):
-            raise ValueError("A simulated carrier has the loop phase of its converters: omit loop_phase_rad.")
         self.model = model
         self.config = config
         self._library = load(model.modes)
-        self._board = self._library.hd_board_new(
-            ctypes.byref(_setup(model, config, seed, boot_id, t_start_us, converters))
-        )
+        self._board = self._library.hd_board_new(ctypes.byref(self._setup(seed, boot_id, t_start_us)))
         if not self._board:
-            carrier = ", and a carrier needs a drive of 20 to 125 kHz and ticks of 1 to 40 chunks of 50 us"
             raise ValueError(
-                "The firmware refuses its configuration: rates, limits and gains must be positive and bounded"
-                + (f"{carrier}." if converters else ".")
+                "The firmware refuses its configuration: rates, limits and gains must be positive and bounded."
             )
         self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
         self._buffers: TickBuffers | None = None
@@ -266,61 +257,40 @@ class Board:
             raise ValueError(f"detuning_rad_s is {detuning_rad_s}: give {self.model.plate_modes} finite numbers.")
         self._library.hd_board_detune(self._board, values.ctypes.data)
 
-    def connect(self, leads: Sequence[Lead]) -> None:
-        """Put these leads (M,) between sensors and converters; only with a carrier."""
-        if len(leads) != self.model.modes:
-            raise ValueError(f"There are {len(leads)} leads for {self.model.modes} sensors.")
-        setups = (LeadSetup * len(leads))(*(LeadSetup(*astuple(lead)) for lead in leads))
-        if not self._library.hd_board_leads(self._board, setups):
-            raise ValueError("Leads need converters: this board has none.")
-
     def interlock(self, event: int) -> None:
         """Open a circuit that forbids to drive, by its event of the board's log, or with 0 close all."""
         self._library.hd_board_interlock(self._board, event)
 
-    def fake_measurement(self, measured_um: npt.NDArray[np.complex128] | None) -> None:
-        """Override the sensors with `measured_um` (M,), which may be NaN; None restores them."""
-        if measured_um is None:
-            self._library.hd_board_fake_measurement(self._board, None)
-            return
-        values = np.ascontiguousarray(measured_um, dtype=np.complex128)
-        if values.shape != (self.model.modes,):
-            raise ValueError(f"measured_um has shape {values.shape}, not {(self.model.modes,)}.")
-        self._library.hd_board_fake_measurement(self._board, values.ctypes.data)
+    def _setup(self, seed: int, boot_id: int, t_start_us: int) -> Setup:
+        model, config = self.model, self.config
+        own = {name: getattr(model, name) for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s")}
+        nominal = {f"nominal_{name}": getattr(config, name) for name in own}
+        phases = {"loop_phase_rad": model.loop_phase_rad, "nominal_loop_phase_rad": config.loop_phase_rad}
+        same = ("control_hz", "drive_hz", "v_limit_v", "latch_repeated_trips", "has_sync", "baud_max", "image_crc")
+        return Setup(
+            plate_modes=model.plate_modes,
+            **{name: doubles(values) for name, values in {**own, **nominal}.items()},
+            **{name: doubles(values or (0.0,) * model.modes) for name, values in phases.items()},
+            **{name: getattr(config, name) for name in same},
+            sensor=doubles(np.real(model.sensor)),
+            sensor_imaginary=doubles(np.imag(model.sensor)) if np.iscomplexobj(model.sensor) else None,
+            through_um_per_v=_pairs(model.through_um_per_v),
+            noise_um=model.noise_um,
+            amplifier_limit_v=model.amplifier_limit_v,
+            seed=seed,
+            t_start_us=t_start_us,
+            boot_id=boot_id,
+            w_limit_um=doubles(config.w_limit_um),
+            drive=None if config.drive is None else doubles(config.drive),
+            sense=_pairs(config.sense),
+            feedthrough_um_per_v=_pairs(config.feedthrough_um_per_v),
+            law=_LAWS[config.controller],
+            bandwidth_1_s=config.bandwidth_1_s or 0.0,
+            integral_time_s=config.integral_time_s or 0.0,
+            reset_cause=RESET_POWER,
+        )
 
 
 def _pairs(matrix: npt.ArrayLike | None) -> ctypes.Array[ctypes.c_double] | None:
     """A complex matrix as (real, imaginary) pairs."""
     return None if matrix is None else doubles(np.ascontiguousarray(matrix, np.complex128).view(np.float64))
-
-
-def _setup(
-    model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_start_us: int, converters: Converters | None
-) -> Setup:
-    own = {name: getattr(model, name) for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s")}
-    nominal = {f"nominal_{name}": getattr(config, name) for name in own}
-    phases = {"loop_phase_rad": model.loop_phase_rad, "nominal_loop_phase_rad": config.loop_phase_rad}
-    same = ("control_hz", "drive_hz", "v_limit_v", "latch_repeated_trips", "has_sync", "baud_max", "image_crc")
-    return Setup(
-        plate_modes=model.plate_modes,
-        **{name: doubles(values) for name, values in {**own, **nominal}.items()},
-        **{name: doubles(values or (0.0,) * model.modes) for name, values in phases.items()},
-        **{name: getattr(config, name) for name in same},
-        sensor=doubles(np.real(model.sensor)),
-        sensor_imaginary=doubles(np.imag(model.sensor)) if np.iscomplexobj(model.sensor) else None,
-        through_um_per_v=_pairs(model.through_um_per_v),
-        noise_um=model.noise_um,
-        amplifier_limit_v=model.amplifier_limit_v,
-        seed=seed,
-        converters=None if converters is None else ctypes.pointer(ConverterSetup(*astuple(converters))),
-        t_start_us=t_start_us,
-        boot_id=boot_id,
-        w_limit_um=doubles(config.w_limit_um),
-        drive=None if config.drive is None else doubles(config.drive),
-        sense=_pairs(config.sense),
-        feedthrough_um_per_v=_pairs(config.feedthrough_um_per_v),
-        law=_LAWS[config.controller],
-        bandwidth_1_s=config.bandwidth_1_s or 0.0,
-        integral_time_s=config.integral_time_s or 0.0,
-        reset_cause=RESET_POWER,
-    )

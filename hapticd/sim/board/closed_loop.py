@@ -190,9 +190,3 @@ def follow(
 def stepped(from_um: ComplexArray, to_um: ComplexArray) -> KnotsAt:
     """One reference for PHASE_S, then another."""
     return lambda t_s: [(0.0, to_um if t_s > PHASE_S - 1e-4 else from_um)]
-
-
-def step_trace(board: Board, from_um: ComplexArray, to_um: ComplexArray) -> BoardTrace:
-    """0.1 s of one reference, then 0.1 s of another."""
-    ticks = round(PHASE_S * board.config.control_hz)
-    return follow(board, stepped(from_um, to_um), 2 * ticks, ticks // 10)

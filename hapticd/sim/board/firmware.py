@@ -17,24 +17,6 @@ from ...errors import DeviceError, rebuild
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
 
-class ConverterSetup(ctypes.Structure):
-    """`hd_converter_setup_t` of firmware/boards/host/lockstep.h."""
-
-    _fields_ = [
-        (name, ctypes.c_double)
-        for name in ("volts_per_lsb", "um_per_lsb", "offset_lsb", "noise_lsb", "amplifier_lag_us")
-    ]
-
-
-class LeadSetup(ctypes.Structure):
-    """`hd_lead_t` of firmware/boards/host/lockstep.h."""
-
-    _fields_ = [
-        (name, ctypes.c_double)
-        for name in ("offset_lsb", "noise_lsb", "hum_lsb", "hum_hz", "clip_lsb", "heard_lsb_per_v")
-    ]
-
-
 class Setup(ctypes.Structure):
     """`hd_board_setup_t` of firmware/boards/host/lockstep.h."""
 
@@ -50,7 +32,7 @@ class Setup(ctypes.Structure):
         ("noise_um", ctypes.c_double),
         ("amplifier_limit_v", ctypes.c_double),
         ("seed", ctypes.c_uint64),
-        ("converters", ctypes.POINTER(ConverterSetup)),
+        ("converters", ctypes.c_void_p),
         ("t_start_us", ctypes.c_uint64),
         ("boot_id", ctypes.c_uint32),
         ("control_hz", ctypes.c_double),
@@ -111,7 +93,7 @@ def load(modes: int) -> ctypes.CDLL:
         "hd_board_estimate": (None, [board, ctypes.c_void_p]),
         "hd_board_detune": (None, [board, ctypes.c_void_p]),
         "hd_board_fake_measurement": (None, [board, ctypes.c_void_p]),
-        "hd_board_leads": (ctypes.c_bool, [board, ctypes.POINTER(LeadSetup)]),
+        "hd_board_leads": (ctypes.c_bool, [board, ctypes.c_void_p]),
         "hd_board_interlock": (None, [board, ctypes.c_uint8]),
         "hd_carrier_init": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
         "hd_carrier_listen": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from carrier_board import fake_measurement
 from virtual_board import BoardLink, in_virtual_time
 
 from hapticd.__main__ import main
@@ -112,7 +113,7 @@ def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: BoardLink) -> No
 def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: BoardLink, type_in: TypeIn) -> None:
     def broken_after_a_point(output: bytes) -> bytes:
         if any(isinstance(message, SweepPoint) for message in Decoder().feed(output)):
-            link.board.fake_measurement(np.array([7.0 + 0j, 0j]))
+            fake_measurement(link.board, np.array([7.0 + 0j, 0j]))
         return output
 
     link.says = broken_after_a_point
@@ -124,7 +125,7 @@ def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: BoardLink, type_in
     with pytest.raises(DeviceError, match="it is busy or has a fault"):
         type_in(link, *SWEEP)
     link.says = lambda output: output
-    link.board.fake_measurement(None)
+    fake_measurement(link.board, None)
     assert type_in(link, "clear-fault") == "The board is quiet.\n"
     assert "1 logged" in type_in(link, "info")
 
