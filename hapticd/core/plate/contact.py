@@ -15,12 +15,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
-from ...values import FloatArray
-from .mode_shapes import ModeShapes
-
 Disc = list[tuple[float, float, float]]  # points of a contact: dx, dy from its centre, weight
 ContactEllipse = tuple[float, float, float]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes it of the unit disc
 
@@ -63,19 +57,3 @@ def disc_rule(rings: int, spokes: int) -> Disc:
 
 SOLVED_DISC: Final = disc_rule(2, 6)  # for friction as the solver has it
 JUDGED_DISC: Final = disc_rule(4, 12)  # and as it is judged
-
-
-def contact_grams(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float) -> FloatArray:
-    """Return G (N, M, M) of discs of `radius_mm` about `points_mm` (N, 2), for `solve(..., gram=)`. Points beyond the
-    map have its edge's shapes.
-
-    Raises ValueError for points of another form and for a radius that is negative or not finite.
-    """
-    points = np.asarray(points_mm, np.float64)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"points_mm has shape {points.shape}; give (N, 2), a row per point.")
-    if not 0.0 <= radius_mm < math.inf:
-        raise ValueError(f"radius_mm is {radius_mm}; give a contact's radius in mm.")
-    disc = np.array(disc_points(radius_mm))
-    shapes = modes.evaluate((points[:, None] + disc[:, :2]).reshape(-1, 2)).reshape(len(points), len(disc), modes.M)
-    return np.asarray(np.einsum("nqk,q,nql->nkl", shapes, disc[:, 2], shapes))

@@ -45,8 +45,7 @@ def solve(
     """Modal amplitudes for one instant.
 
     phi (N, M): mode shapes at the fingers; target_um (N,); limit_um (M,) or one number; previous_um (M,) or None;
-    gram (N, M, M) or None: the mean of phi_k phi_l over each finger's contact (`plate.contact_grams`); `achieved_um` is
-    then the RMS over each contact.
+    gram (N, M, M) or None: the mean of phi_k phi_l over each finger's contact; `achieved_um` is then its RMS.
     Raises ValueError, in one sentence, for wrong shapes, numbers that are not finite, negative targets, limits that are
     not positive.
     """

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from contact_grams import contact_grams
 
-from hapticd.core.plate.contact import contact_grams
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import disc
@@ -35,10 +35,3 @@ def test_an_uncertain_disc_is_the_mean_over_the_places_where_it_may_be(modes: Mo
         contact_grams(modes, [(12.0, -30.0)], radius_mm)[0] for radius_mm in (5.0, math.hypot(5.0, 2.0 * sigma_mm))
     )
     assert np.abs(grown - expected).max() < 0.4 * np.abs(certain - expected).max()
-
-
-def test_points_and_radii_of_another_form_are_refused_in_one_sentence(modes: ModeShapes) -> None:
-    with pytest.raises(ValueError, match=r"points_mm has shape \(3,\); give"):
-        contact_grams(modes, [1.0, 2.0, 3.0], 5.0)
-    with pytest.raises(ValueError, match=r"radius_mm is -1.0; give"):
-        contact_grams(modes, [(0.0, 0.0)], -1.0)

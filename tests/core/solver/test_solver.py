@@ -9,11 +9,11 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 import pytest
+from contact_grams import contact_grams
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
-from hapticd.core.plate.contact import contact_grams
 from hapticd.core.solver import solve, solve_batch
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
