@@ -69,8 +69,8 @@ COMMANDS = {
     ),
     "plate": Command(
         "tools.plate",
-        "design a plate: pairs of modes near a frequency, their shapes, and where to glue it; map what it can do",
-        "--size 137.5x137.5 --material glass --near 28200 --plot plate.png",
+        "design a plate: its modes, patches, sensors and stamps, and what fingers feel; map what it can do",
+        "--size 210x210 --thickness 3 --plot plate.png",
     ),
     "record": Command(
         "tools.record.commands",

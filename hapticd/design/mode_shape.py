@@ -1,4 +1,4 @@
-"""Mode shapes of a plate as Legendre series: their values, gradients, peaks and names."""
+"""Mode shapes of a plate as Legendre series: their values, peaks and names."""
 
 from __future__ import annotations
 
@@ -50,13 +50,10 @@ class ModeShape:
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (N,) at `points_mm` (N, 2), clamped to the plate. NaN stays NaN."""
         x, y = _on_plate(points_mm, self.size_mm)
-        return self._at(x, y, (0, 0))
-
-    def gradient(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """Return derivatives (N, 2) along x and y in 1/mm at `points_mm` (N, 2), clamped to the plate."""
-        x, y = _on_plate(points_mm, self.size_mm)
-        width_mm, depth_mm = self.size_mm
-        return np.stack((self._at(x, y, (1, 0)) * (2.0 / width_mm), self._at(x, y, (0, 1)) * (2.0 / depth_mm)), axis=-1)
+        terms_x, terms_y = self.coefficients.shape
+        across = legendre.values(x, terms_x - 1) @ self.coefficients
+        result: FloatArray = np.einsum("nj,nj->n", across, legendre.values(y, terms_y - 1))
+        return result
 
     def on_grid(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (ny, nx) on the grid of `x_mm` (nx,), `y_mm` (ny,): much cheaper than point by point."""
@@ -64,12 +61,6 @@ class ModeShape:
         x = np.clip(np.asarray(x_mm, np.float64) * (2.0 / width_mm), -1.0, 1.0)
         y = np.clip(np.asarray(y_mm, np.float64) * (2.0 / depth_mm), -1.0, 1.0)
         return _tensor(self.coefficients, x, y)
-
-    def _at(self, x: FloatArray, y: FloatArray, orders: tuple[int, int]) -> FloatArray:
-        terms_x, terms_y = self.coefficients.shape
-        across = legendre.values(x, terms_x - 1, orders[0]) @ self.coefficients
-        result: FloatArray = np.einsum("nj,nj->n", across, legendre.values(y, terms_y - 1, orders[1]))
-        return result
 
 
 def mode_shape(size_mm: tuple[float, float], fields: FloatArray) -> ModeShape:

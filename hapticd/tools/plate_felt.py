@@ -27,70 +27,56 @@ SIZES, THICKNESSES, MODES = "200..220", "2..3", "8"  # searched without options:
 MOST_FINGERS = 5
 MOST_TARGET_UM = 20.0
 TOML = (".toml",)
-_BELONGING = (
-    *("modes", "drive", "glass", "tolerances", "seed"),
-    *("patch", "place", "friction"),
-    *campaigns.OPTIONS,
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --felt and what belongs to it. Values are None without their option, so that they can be refused."""
-    group = parser.add_argument_group("whole fingertips")
-    group.add_argument(
+    """Add what is searched, and how it is judged."""
+    parser.add_argument(
         "--felt",
         nargs="?",
         const=TARGETS,
+        default=TARGETS,
         metavar="TARGETS",
         help="compare plates with their patches by the share of places where each finger's friction is felt as asked "
-        "of it: 0 .. 1 as in clients, or amplitudes, such as 0.2,1 or 1um,0um (the default); --size, --thickness and "
-        "--modes may be ranges, such as 150..240 (every 10 mm), 2..4 (every 0.5 mm) and 4..8, --material may name "
-        f"several, as in glass/steel; searches {SIZES} mm, {THICKNESSES} mm and {MODES} modes",
+        f"of it: 0 .. 1 as in clients, or amplitudes, such as 0.2,1 or {TARGETS} (the default)",
     )
-    group.add_argument("--modes", metavar="N", help=f"driven modes, 2 .. 8 (default {MODES})")
-    group.add_argument("--drive", metavar="HZ", help=f"drive frequency, or the range to search (default {DRIVES})")
-    group.add_argument(
+    size = f"width x depth, or a range of edges, every 10 mm (default {SIZES})"
+    parser.add_argument("--size", default=SIZES, metavar="MMxMM", help=size)
+    thickness = f"or a range, every 0.5 mm (default {THICKNESSES})"
+    parser.add_argument("--thickness", default=THICKNESSES, metavar="MM", help=thickness)
+    material = "see below, or GPa,Poisson,kg/m3, or several, as in glass/steel (default glass)"
+    parser.add_argument("--material", default="glass", metavar="NAME", help=material)
+    modes = f"driven modes, 2 .. 8, or a range such as 4..8 (default {MODES})"
+    parser.add_argument("--modes", default=MODES, metavar="N", help=modes)
+    drive = f"drive frequency, or the range to search (default {DRIVES})"
+    parser.add_argument("--drive", default=DRIVES, metavar="HZ", help=drive)
+    parser.add_argument(
         "--patch",
         action="append",
         metavar="X,Y,AxBxC",
         help="a piezoelectric patch glued at X,Y of AxB mm, C mm thick, one for each mode: judge a plate that has them",
     )
-    group.add_argument(
+    parser.add_argument(
         "--place", metavar="AxBxC", help="sizes of patches to choose from and to place, such as 10x10x0.5/20x10x0.3"
     )
-    group.add_argument(
+    parser.add_argument(
         "--tolerances",
         type=whole(1, 10000),
         metavar="N",
         help="also judge N copies of the best as they may be made: edges within 0.1 mm, modulus 2 %%, thickness "
         "0.2 mm, patches 0.5 mm, glue; each is scanned and set up, in 4 s",
     )
-    group.add_argument(
+    parser.add_argument(
         "--friction",
         type=Path,
         metavar="F.toml",
         help="a configuration whose plate.friction_curve is what these fingers feel, as `calibrate friction` measures "
         "it (default: the usual finger's)",
     )
-    group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random places and plates ({SEED})")
-    campaigns.add_arguments(group)
-    outputs.add_file(
-        parser, "--glass", TOML, group=group, metavar="F.toml", help="the best plate, for --plate of simulated plates"
-    )
-
-
-def refuse_without_felt(options: argparse.Namespace) -> None:
-    """Raise UsageError for an option that needs --felt."""
-    for name in _BELONGING:
-        if getattr(options, name) is not None:
-            raise UsageError(f"--{name}: belongs to --felt: add it.")
-
-
-def fill_in(options: argparse.Namespace) -> None:
-    """Set what --felt searches without these options."""
-    for name, usual in (("size", SIZES), ("thickness", THICKNESSES), ("modes", MODES)):
-        if getattr(options, name) is None:
-            setattr(options, name, usual)
+    seed = f"of random places and plates (default {SEED})"
+    parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=SEED, metavar="N", help=seed)
+    campaigns.add_arguments(parser)
+    outputs.add_file(parser, "--glass", TOML, metavar="F.toml", help="the best plate, for --plate of simulated plates")
 
 
 def run(options: argparse.Namespace) -> FeltDesign:
@@ -110,7 +96,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
         q_factor=Q_FACTOR,
         radius_mm=RADIUS_MM,
         farthest_hz=FARTHEST_HZ,
-        seed=SEED if options.seed is None else options.seed,
+        seed=options.seed,
     )
     campaign = campaigns.of(options)
     designs = _searched(options, task, campaign)
@@ -141,7 +127,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
 def _searched(options: argparse.Namespace, task: FeltTask, campaign: TaskRunner) -> list[FeltDesign]:
     """Return the designs, the best first. Raises HapticdError."""
     counts = plate_arguments.modes(options.modes)
-    drive_hz = plate_arguments.span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
+    drive_hz = plate_arguments.span(options.drive, "--drive", 100.0, 1e6)
     plates, kits = plate_arguments.plates(options), _kits(options.place)
     try:
         designs = search(plates, counts, drive_hz, task, kits, campaign)

@@ -1,4 +1,4 @@
-"""`hapticd plate --felt`: a search, its verdict and its files."""
+"""`hapticd plate`: a search, its verdict and its files."""
 
 from __future__ import annotations
 
@@ -108,7 +108,6 @@ def test_targets_are_frictions_or_amplitudes() -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--friction", "x.toml"], "--friction: belongs to --felt: add it."),
         (["--felt", "2,0"], "--felt: 2 is out of bounds, it must be 0 .. 1: write frictions"),
         (["--felt", "0um,1"], "--felt: '0um,1' must be of 2 to 5 fingers, one of which slips."),
         (["--felt", "1um"], "must be of 2 to 5 fingers"),
@@ -118,6 +117,7 @@ def test_targets_are_frictions_or_amplitudes() -> None:
         (["--felt", "--size", "1x2x3"], "--size: '1x2x3' has more than two edges"),
         (["--felt", "--size", "10..1000"], "15150 plates are too many"),
         (["--felt", "--thickness", "x"], "--thickness: 'x' is not a number"),
+        (["--thickness", "1e-300"], "--thickness: 1e-300 is out of bounds, it must be 0.01 .. 100"),
         (["--felt", "--drive", "nan"], "--drive: nan is out of bounds"),
         (["--felt", "--material", "glass/wood"], "there is no material 'wood'"),
         (["--felt", "--patch", "1,2,3"], "--patch: '1,2,3' is no patch: write position and dimensions in mm"),
