@@ -80,9 +80,5 @@ def _numbers(one: Converters | Lead) -> ctypes.Array[ctypes.c_double]:
 
 def fake_measurement(board: Board, measured_um: npt.NDArray[np.complex128] | None) -> None:
     """Override the sensors with `measured_um` (M,), which may be NaN; None restores them."""
-    if measured_um is None:
-        board._library.hd_board_fake_measurement(board._board, None)
-        return
-    values = np.ascontiguousarray(measured_um, dtype=np.complex128)
-    assert values.shape == (board.model.modes,)
-    board._library.hd_board_fake_measurement(board._board, values.ctypes.data)
+    values = None if measured_um is None else np.ascontiguousarray(measured_um, dtype=np.complex128)
+    board._library.hd_board_fake_measurement(board._board, None if values is None else values.ctypes.data)

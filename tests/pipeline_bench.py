@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from hapticd.core.phasors import Phasors
 from hapticd.core.pipeline import Pipeline, PipelineSettings
+from hapticd.core.plate.contact import disc_points
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.motion import AdaptivePredictor
 from hapticd.core.targets.scene import Scene
 from hapticd.core.touch.fingers import FingerPredictor
-from hapticd.values import Contact, FingerFrame, LinkTiming, Tick, TouchFrame
+from hapticd.values import Contact, FingerFrame, FloatArray, LinkTiming, Tick, TouchFrame
 from hapticd_contract.contents import Amplitude, Content
 from hapticd_contract.surfaces import Polygon, VirtualPath
 from hapticd_contract.targets import ClientTargets
@@ -95,3 +97,10 @@ def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:
 SLIPPERY, STICKY = (-30.2, 5.1), (21.3, -14.9)
 ONE, STILL = Amplitude(1.0), Amplitude(0.0)
 LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))
+
+
+def contact_grams(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float) -> FloatArray:
+    """Return G (N, M, M) of discs of `radius_mm` about `points_mm` (N, 2), for `solve(..., gram=)`."""
+    points, disc = np.asarray(points_mm, np.float64), np.array(disc_points(radius_mm))
+    shapes = modes.evaluate((points[:, None] + disc[:, :2]).reshape(-1, 2)).reshape(len(points), len(disc), modes.M)
+    return np.asarray(np.einsum("nqk,q,nql->nkl", shapes, disc[:, 2], shapes))

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.board.virtual_link import VirtualLink
 from hapticd.sim.plate.ground_truth import GroundTruth
-from hapticd.sim.virtual_time import in_virtual_time as in_virtual_time
+from hapticd.sim.virtual_time import VirtualTimeLoop
 from hapticd.sim.world import World
 
 STEP_TICKS = 4  # 2 ms
+_Result = TypeVar("_Result")
+
+
+def in_virtual_time(what: Coroutine[Any, Any, _Result]) -> _Result:
+    """Run a coroutine to its end."""
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        return runner.run(what)
 
 
 class BoardLink(VirtualLink):

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import selectors
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextvars import Context
-from typing import Any, TypeVar, TypeVarTuple
+from typing import TypeVarTuple
 
 # Of a timer: asyncio calls one up to 1 ns early, and who then waits for the rest would wait for ever.
 LEAST_S = 2e-9
 
-_Result = TypeVar("_Result")
 _Arguments = TypeVarTuple("_Arguments")
 
 
@@ -43,9 +42,3 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     ) -> asyncio.TimerHandle:
         now_s = self.time()
         return super().call_at(max(when, now_s + LEAST_S) if when > now_s else when, callback, *args, context=context)
-
-
-def in_virtual_time(what: Coroutine[Any, Any, _Result]) -> _Result:
-    """Run a coroutine to its end."""
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(what)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-
-from hapticd.sim.virtual_time import in_virtual_time
+from virtual_board import in_virtual_time
 
 
 @pytest.mark.parametrize("left_s", [5e-324, 7e-14, 1e-9, 0.5])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from contact_grams import contact_grams
+from pipeline_bench import contact_grams
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings

@@ -7,10 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from contact_grams import contact_grams
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from pipeline_bench import PLATE
+from pipeline_bench import PLATE, contact_grams
 
 from hapticd.core.phasors import Phasors
 from hapticd.core.solver.instant import LEAST_STEP_UM, AskedPlace, InstantSolver, ModalSolution

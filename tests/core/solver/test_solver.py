@@ -9,9 +9,9 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 import pytest
-from contact_grams import contact_grams
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from pipeline_bench import contact_grams
 from scipy.optimize import linprog, lsq_linear
 
 from hapticd.core.solver import solve, solve_batch
