@@ -267,11 +267,11 @@ def search(
             sets += [(felt_frac, plate, modes) for felt_frac, modes in of_count]
     finalists = [one for sets in ranked for one in sorted(sets, key=lambda each: -each[0])[:FINALISTS]]
     jobs = [GlueTask(plate, modes, kit, task, ROUNDS) for _, plate, modes in finalists for kit in kits]
-    made = [(job, one) for job, one in zip(jobs, campaign("patches", _glued, jobs), strict=True) if one is not None]
+    made = [(job, one) for job, one in zip(jobs, campaign("patches", glue, jobs), strict=True) if one is not None]
     made.sort(key=lambda each: each[1].rank, reverse=True)
     designs = [one for _, one in made]
     if designs:
-        (better,) = campaign("more places", _glued, [made[0][0]._replace(rounds=MORE_ROUNDS)])
+        (better,) = campaign("more places", glue, [made[0][0]._replace(rounds=MORE_ROUNDS)])
         designs[0] = better or designs[0]
     return designs
 
@@ -287,31 +287,24 @@ def _ranked(bare: BareTask) -> list[list[tuple[float, Modes]]]:
     return [[(modes.felt_frac(chosen), modes.of(chosen)) for chosen in modes.sets(count)] for count in bare.counts]
 
 
-def _glued(job: GlueTask) -> FeltDesign | None:
-    return glue(*job)
-
-
-def glue(plate: GluedPlate, modes: Modes, kit: Kit, task: FeltTask, rounds: int) -> FeltDesign | None:
+def glue(job: GlueTask) -> FeltDesign | None:
     """Return a bare plate with patches of a kit glued on where they give its `modes` most, or None where they take
     these too far apart.
 
     Patches move the modes for which they are placed. So after the first round they are placed on the best plate's
     shapes so far, each time among a random half of the places.
     """
+    plate, modes, kit, task, rounds = job
     best = None
-    drive_hz = (min(hz for hz, _ in modes) + max(hz for hz, _ in modes)) / 2.0
+    middle_hz = (min(hz for hz, _ in modes) + max(hz for hz, _ in modes)) / 2.0
+    near_hz = middle_hz - GLUE_HZ, middle_hz + GLUE_HZ
     random = np.random.default_rng(task.seed)
     for number in range(rounds):
         patches = place(plate, modes if best is None else best.modes, task, kit, random if number else None)
-        found = judge_near(replace(plate, patches=patches), drive_hz, len(modes), task)
+        found = judge_best(replace(plate, patches=patches), near_hz, len(modes), task)
         if found is not None and (best is None or found.rank > best.rank):
             best = found
     return best
-
-
-def judge_near(plate: GluedPlate, drive_hz: float, count: int, task: FeltTask) -> FeltDesign | None:
-    """Return `judge_best` of the drives that patches make of `drive_hz`."""
-    return judge_best(plate, (drive_hz - GLUE_HZ, drive_hz + GLUE_HZ), count, task)
 
 
 def judge_best(plate: GluedPlate, drive_hz: tuple[float, float], count: int, task: FeltTask) -> FeltDesign | None:

@@ -1,4 +1,4 @@
-"""`hapticd plate`: plates for whole fingertips, compared by friction felt as asked (`plate_felt`), and their shapes.
+"""`hapticd plate`: plates with patches, compared by the share of places where friction is felt as asked.
 
 Theory (`design.glued_plate`): a free, homogeneous plate with its patches. A real one is supported, and its frequencies
 differ by some per cent: measure its modes with `hapticd calibrate modes`. The mode file is for trials before that.
@@ -7,21 +7,32 @@ differ by some per cent: measure its modes with `hapticd calibrate modes`. The m
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from ..core.plate.mode_shapes import ModeShapes
-from ..design import ModeShape
-from ..errors import CalibrationError, ModesError
+from ..config import person
+from ..config.sections import PlateConfig
+from ..core.friction import FrictionCurve
+from ..design.campaign import TaskRunner
+from ..design.felt_search import ORDERABLE, FeltDesign, Kit, search
+from ..design.felt_tolerances import felt_tolerances
+from ..design.mode_choice import FARTHEST_HZ, SEED, FeltTask
+from ..design.plate_bounds import bounds
+from ..errors import CalibrationError, UsageError
 from ..formats.mode_map import FORMATS
-from . import outputs, plate_felt
-from .arguments import add_command
+from . import campaigns, outputs, plate_arguments, plate_files, plate_places, plate_tables, plate_verdict
+from .arguments import add_command, number, whole
 from .map import program as map_program
+from .plate_arguments import DRIVES
+from .plate_verdict import FeltMotion
+from .progress import Progress
 
-MAP_STEP_MM = 1.375
+TARGETS = "1um,0um"
+SIZES, THICKNESSES, MODES = "200..220", "2..3", "8"  # searched without options: a minute
+MOST_FINGERS = 5
+MOST_TARGET_UM = 20.0
+TOML = (".toml",)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +40,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{parser.epilog}\n\n"
         "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"
     )
-    plate_felt.add_arguments(parser)
+    parser.add_argument(
+        "--felt",
+        nargs="?",
+        const=TARGETS,
+        default=TARGETS,
+        metavar="TARGETS",
+        help="compare plates with their patches by the share of places where each finger's friction is felt as asked "
+        f"of it: 0 .. 1 as in clients, or amplitudes, such as 0.2,1 or {TARGETS} (the default)",
+    )
+    size = f"width x depth, or a range of edges, every 10 mm (default {SIZES})"
+    parser.add_argument("--size", default=SIZES, metavar="MMxMM", help=size)
+    thickness = f"or a range, every 0.5 mm (default {THICKNESSES})"
+    parser.add_argument("--thickness", default=THICKNESSES, metavar="MM", help=thickness)
+    material = "see below, or GPa,Poisson,kg/m3, or several, as in glass/steel (default glass)"
+    parser.add_argument("--material", default="glass", metavar="NAME", help=material)
+    modes = f"driven modes, 2 .. 8, or a range such as 4..8 (default {MODES})"
+    parser.add_argument("--modes", default=MODES, metavar="N", help=modes)
+    drive = f"drive frequency, or the range to search (default {DRIVES})"
+    parser.add_argument("--drive", default=DRIVES, metavar="HZ", help=drive)
+    parser.add_argument(
+        "--patch",
+        action="append",
+        metavar="X,Y,AxBxC",
+        help="a piezoelectric patch glued at X,Y of AxB mm, C mm thick, one for each mode: judge a plate that has them",
+    )
+    parser.add_argument(
+        "--place", metavar="AxBxC", help="sizes of patches to choose from and to place, such as 10x10x0.5/20x10x0.3"
+    )
+    parser.add_argument(
+        "--tolerances",
+        type=whole(1, 10000),
+        metavar="N",
+        help="also judge N copies of the best as they may be made: edges within 0.1 mm, modulus 2 %%, thickness "
+        "0.2 mm, patches 0.5 mm, glue; each is scanned and set up, in 4 s",
+    )
+    parser.add_argument(
+        "--friction",
+        type=Path,
+        metavar="F.toml",
+        help="a configuration whose plate.friction_curve is what these fingers feel, as `calibrate friction` measures "
+        "it (default: the usual finger's)",
+    )
+    seed = f"of random places and plates (default {SEED})"
+    parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=SEED, metavar="N", help=seed)
+    campaigns.add_arguments(parser)
+    outputs.add_file(parser, "--glass", TOML, metavar="F.toml", help="the best plate, for --plate of simulated plates")
     outputs.add_file(parser, "--out", FORMATS, metavar="F.npz", help="write the best plate's shapes as a mode file")
     outputs.add_file(
         parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the shapes, the patches, sensors and stamps"
@@ -42,19 +98,92 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print the tables and write the outputs. Raises HapticdError."""
-    design = plate_felt.run(options)
-    if options.out is not None:
-        _write_map(design.shapes, design.plate.size_mm, options.out)
-
-
-def _write_map(shapes: Sequence[ModeShape], size_mm: tuple[float, float], path: Path) -> None:
-    """Write a mode file for `plate.modes_file`: peaks of 1, edge to edge."""
-    x_mm, y_mm = (
-        np.linspace(-edge_mm / 2, edge_mm / 2, math.ceil(edge_mm / max(MAP_STEP_MM, edge_mm / 300)) + 1)
-        for edge_mm in size_mm
-    )
+    """Print the tables and the verdict, and write the outputs. Raises HapticdError."""
+    if options.patch is not None and options.place is not None:
+        raise UsageError("--place: --patch says where the patches are: omit one of them.")
+    felt = PlateConfig()
+    if options.friction is not None:
+        felt, _ = person.load(options.friction, felt)
+    task = FeltTask((), curve_um=felt.friction_curve, floor_frac=felt.friction_floor_frac)
+    targets_um = _targets_um(options.felt, task.curve)
+    task = replace(task, targets_um=targets_um, farthest_hz=FARTHEST_HZ, seed=options.seed)
+    campaign = campaigns.of(options)
+    designs = _searched(options, task, campaign)
+    best = designs[0]
+    count = options.tolerances
+    study = None if count is None else felt_tolerances(best, task, count, campaign)
     try:
-        ModeShapes.from_grid(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])).save(path)
-    except ModesError as error:
-        raise CalibrationError(str(error)) from None
+        with Progress("fingers in motion on the best plate") as progress:
+            motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, felt, progress)
+    except ValueError as error:
+        motion = str(error).rstrip(".")
+    asked = bounds(best, task.q_factor)
+    judged = plate_verdict.felt_verdict(best, asked, motion, study)
+    placement = plate_places.place(best)
+    out = outputs.table_stream(options.json)
+    print(plate_tables.designs_table(designs), plate_tables.patch_table(best), file=out, sep="\n")
+    print(plate_places.table(placement, best), plate_tables.mode_table(best), *judged, sep="\n", file=out)
+    if options.json is not None:
+        plate_tables.write_json(designs, task, asked, motion, study, placement, options.json)
+    heading = f"# {judged[-1]}"
+    if options.glass is not None:
+        outputs.write_text("\n".join((heading, *_glass(best))) + "\n", options.glass)
+    if options.plot is not None:
+        plate_places.draw(best, placement, options.plot)
+    if options.out is not None:
+        plate_files.write_map(best.shapes, best.plate.size_mm, options.out)
+
+
+def _searched(options: argparse.Namespace, task: FeltTask, campaign: TaskRunner) -> list[FeltDesign]:
+    """Return the designs, the best first. Raises HapticdError."""
+    counts = plate_arguments.modes(options.modes)
+    drive_hz = plate_arguments.span(options.drive, "--drive", 100.0, 1e6)
+    plates, kits = plate_arguments.plates(options), _kits(options.place)
+    try:
+        designs = search(plates, counts, drive_hz, task, kits, campaign)
+    except ValueError as error:
+        raise CalibrationError(f"This plate cannot be designed: {error}") from None
+    if not designs:
+        raise CalibrationError(
+            f"No plate with its patches has {min(counts)} modes within {task.farthest_hz:g} Hz of a drive of "
+            f"{drive_hz[0]:g} to {drive_hz[1]:g} Hz: give another --drive, a larger --size, smaller "
+            "patches, or fewer --modes."
+        )
+    return designs
+
+
+def _targets_um(text: str, curve: FrictionCurve) -> tuple[float, ...]:
+    """Return the amplitudes asked; a number without a unit is a friction by the curve. Raises UsageError."""
+    found = []
+    try:
+        for part in text.split(","):
+            if part.endswith("um"):
+                found.append(number(0.0, MOST_TARGET_UM)(part.removesuffix("um")))
+            else:
+                found.append(curve.amplitude_um(number(0.0, 1.0)(part)))
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f"--felt: {error}: write frictions such as 0.2,1 or amplitudes such as 1um,0um.") from None
+    if not 2 <= len(found) <= MOST_FINGERS or max(found) <= 0.0:
+        raise UsageError(f"--felt: {text!r} must be of 2 to {MOST_FINGERS} fingers, one of which slips.")
+    return tuple(found)
+
+
+def _kits(text: str | None) -> list[Kit]:
+    if text is None:
+        return list(ORDERABLE)
+    try:
+        return [plate_arguments.dimensions_mm(part) for part in text.split("/")]
+    except (ValueError, argparse.ArgumentTypeError):
+        raise UsageError(f"--place: {text!r}: write sizes of patches in mm, such as 10x10x0.3/20x10x0.5.") from None
+
+
+def _glass(design: FeltDesign) -> list[str]:
+    """Return the lines of --glass. Raises CalibrationError."""
+    try:
+        return plate_files.glass_lines(design, _rounded(design.reach_um))
+    except ValueError as error:
+        raise CalibrationError(f"--glass: {error}.") from None
+
+
+def _rounded(values_um: Sequence[float]) -> tuple[float, ...]:
+    return tuple(round(um, 3) for um in values_um)

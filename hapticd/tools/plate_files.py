@@ -1,16 +1,23 @@
-"""The file of the best plate for whole fingertips, for the simulation."""
+"""Files of the best plate for whole fingertips: of all of it, for the simulation, and of its mode shapes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..config.keys import toml
+from ..core.plate.mode_shapes import ModeShapes
+from ..design.cartography import map_axis
 from ..design.felt_search import FeltDesign
 from ..design.materials import MATERIALS
 from ..design.mode_shape import ModeShape, distinct_names
+from ..errors import CalibrationError, ModesError
 from ..sim.plate.glasses import DRIVE_HZ, FARTHEST_HZ, LEAST_PARASITIC
 
+MAP_STEP_MM = 1.375
 PARASITIC = 4  # modes besides the driven ones that a simulated plate has
 
 
@@ -52,3 +59,12 @@ def glass_lines(design: FeltDesign, reach_um: float | tuple[float, ...]) -> list
 def _name_of(frequency_hz: float, shape: ModeShape, named: Sequence[tuple[str, tuple[float, ModeShape]]]) -> str:
     """Return the name of a mode among those near the drive."""
     return min(named, key=lambda one: (one[1][1].name != shape.name, abs(one[1][0] - frequency_hz)))[0]
+
+
+def write_map(shapes: Sequence[ModeShape], size_mm: tuple[float, float], path: Path) -> None:
+    """Write a mode file for `plate.modes_file`: peaks of 1, edge to edge. Raises CalibrationError."""
+    x_mm, y_mm = (map_axis(edge_mm, max(MAP_STEP_MM, edge_mm / 300)) for edge_mm in size_mm)
+    try:
+        ModeShapes.from_grid(x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])).save(path)
+    except ModesError as error:
+        raise CalibrationError(str(error)) from None

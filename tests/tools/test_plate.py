@@ -15,7 +15,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import felt_search
 from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
-from hapticd.tools import plate_felt
+from hapticd.tools import plate
 
 SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", "2", "--drive", "28000..30500"]
 KIT = ["--place", "8x8x0.3"]
@@ -25,7 +25,7 @@ KIT = ["--place", "8x8x0.3"]
 def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, less in {"JUDGE_PLACES": 100, "SEARCH_PLACES": 30, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
         monkeypatch.setattr(felt_search, name, less)
-    monkeypatch.setattr(plate_felt, "FARTHEST_HZ", 600.0)
+    monkeypatch.setattr(plate, "FARTHEST_HZ", 600.0)
 
 
 @pytest.mark.usefixtures("short_search")
@@ -98,9 +98,9 @@ def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys
 
 def test_targets_are_frictions_or_amplitudes() -> None:
     usual = DEFAULT_FRICTION_CURVE
-    assert plate_felt._targets_um("1um,0um", usual) == (1.0, 0.0)
-    assert plate_felt._targets_um("0,1", usual) == (2.0, 0.0)
-    slippery_um, half_um, sticky_um = plate_felt._targets_um("0.2,0.5um,1", usual)
+    assert plate._targets_um("1um,0um", usual) == (1.0, 0.0)
+    assert plate._targets_um("0,1", usual) == (2.0, 0.0)
+    slippery_um, half_um, sticky_um = plate._targets_um("0.2,0.5um,1", usual)
     assert (half_um, sticky_um) == (0.5, 0.0)
     assert 0.5 < slippery_um < 2.0
 
