@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
+from scipy import optimize
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.plate.contact import SOLVED_DISC
@@ -27,7 +27,7 @@ from ..sim.settings import Settings
 from ..values import WEBER_FRAC, ComplexArray, FloatArray
 from .loop import HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job, felt_figures, figures, play
 from .tables import Table
-from .timing import REPEATS, least_us, optional
+from .timing import REPEATS, least_us
 
 SIZES = ((2, 4), (2, 6), (2, 8), (3, 8), (5, 8))  # fingers and modes
 LOOPS = ((REFERENCE, 2), (FINGERTIP, 4), (FINGERTIP, 6), (WIDE, 8))  # plates and modes
@@ -60,7 +60,7 @@ def _loop(seeds: Sequence[int], seconds: float) -> Table:
             rows[f"{plate} plate, {modes} modes: {scheme}"] = felt_figures(of_scheme) | figures(of_scheme)
     title = f"felt: {SCENARIO} of real hands, 1 um and 0, seeds {', '.join(map(str, seeds))}"
     note = "felt, within two: share of time in which both fingers are within one or two JND (0.11) of what was asked"
-    return Table("felt_loop", title, rows, notes=(note,))
+    return Table("felt_loop", title, rows, (note,))
 
 
 class _Problem:
@@ -108,22 +108,21 @@ def _apart(fingers: int, random: np.random.Generator) -> FloatArray:
 
 
 def _rule(problems: int, repeats: int, starts: int) -> Table:
-    random, optimize = np.random.default_rng(11), optional("scipy.optimize")
+    random = np.random.default_rng(11)
     rows: dict[str, dict[str, float]] = {}
     for fingers, modes in SIZES:
         chosen = [_Problem(fingers, modes, random) for _ in range(problems)]
         name = f"{fingers} contacts, {modes} modes"
         (time_us,) = least_us({name: (partial(_solve_all, chosen), problems)}, repeats).values()
         rows[name] = {"time_us": time_us} | _judged(chosen, _solve_all(chosen))
-        if optimize is not None:
-            rows[f"{name}, bound"] = _judged(chosen, [_bound(optimize, one, random, starts) for one in chosen])
+        rows[f"{name}, bound"] = _judged(chosen, [_bound(one, random, starts) for one in chosen])
     notes = (
         "felt: share of problems in which all fingers are within one just noticeable difference of what was asked",
         "error: the largest of all fingers, median over the problems",
-        f"bound: SciPy's SLSQP, the best of {starts} starts" if optimize else "bound: skipped, scipy is not installed",
+        f"bound: SciPy's SLSQP, the best of {starts} starts",
     )
     title = f"felt: friction as asked over contacts of {CONTACT_RADIUS_MM:g} mm on the fingertip plate, a knot"
-    return Table("felt", title, rows, ("time_us", "felt_frac"), notes)
+    return Table("felt", title, rows, notes)
 
 
 def _solve_all(problems: Sequence[_Problem]) -> list[ComplexArray]:
@@ -135,7 +134,7 @@ def _judged(problems: Sequence[_Problem], found_um: Sequence[ComplexArray]) -> d
     return {"felt_frac": float(np.mean(np.array(largest) <= 1.0)), "error_jnd": float(np.median(largest))}
 
 
-def _bound(optimize: Any, problem: _Problem, random: np.random.Generator, starts: int) -> ComplexArray:
+def _bound(problem: _Problem, random: np.random.Generator, starts: int) -> ComplexArray:
     """Return the amplitudes with the least largest error that SLSQP finds; unknowns are W in parts, in units of the
     limits, and that error."""
     count = len(problem.limits_um)

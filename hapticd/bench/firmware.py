@@ -55,7 +55,7 @@ def run(*, repeats: int = REPEATS, ticks: int = 2000) -> tuple[Table]:
         "landing: fingers raise the damping by half at 2 um; time until the plate is back within 2 %",
         "host tick: one control tick of firmware and plate model on this machine",
     )
-    return (Table("firmware", title, rows, ("large_ms", "worst_ms"), notes),)
+    return (Table("firmware", title, rows, notes),)
 
 
 def _corners(amplitude_um: float) -> list[LoopPlate]:

@@ -14,9 +14,9 @@ from array import array
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import perf_counter
-from typing import Any
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
 
 from ..core.plate.bicubic import POINT
 from ..core.plate.mode_shapes import ModeShapes
@@ -29,7 +29,7 @@ from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from ..sim.plate.shapes import theory
 from ..values import FloatArray
 from .tables import Table
-from .timing import REPEATS, least_us, optional
+from .timing import REPEATS, least_us
 
 _Shapes = Callable[[float, float], Sequence[float]]  # of all modes at one position, in mm
 
@@ -42,12 +42,12 @@ def run(
     *, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3), repeats: int = REPEATS, timed: int = 200, plates: int = 10
 ) -> tuple[Table, Table]:
     """Compare interpolators on `pairs` of random positions over the maps of `seeds`; `timed` pairs are timed."""
-    plate, scipy = GroundTruth(), optional("scipy.interpolate")
+    plate = GroundTruth()
     points_mm = np.random.default_rng(7).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (pairs, 2, 2))
     flat = [theory(name)[1].evaluate(points_mm.reshape(-1, 2)) for name in DRIVEN_MODES]
     true_phi = np.stack(flat, axis=-1).reshape(pairs, 2, -1)
-    of_maps = [_ways(plate.measured_mode_map(seed), scipy) for seed in seeds]
-    of_truth = _ways(plate.true_mode_map(), scipy)
+    of_maps = [_ways(plate.measured_mode_map(seed)) for seed in seeds]
+    of_truth = _ways(plate.true_mode_map())
     times_us = least_us(
         {name: (partial(_all, way, points_mm[:timed]), timed) for name, way in of_maps[0].items()}, repeats
     )
@@ -60,9 +60,7 @@ def run(
         for name in of_truth
     }
     title = "modes: the mode matrix of 2 fingers and 2 modes; um leaked at the still finger per um at the other"
-    missing = () if scipy is not None else ("RectBivariateSpline: skipped, scipy is not installed",)
-    notes = ("interpolation: the leak of a map without noise", *missing)
-    return Table("modes", title, rows, ("time_us", "leak_um"), notes), _converged(plates)
+    return Table("modes", title, rows, ("interpolation: the leak of a map without noise",)), _converged(plates)
 
 
 def _converged(count: int) -> Table:
@@ -77,13 +75,13 @@ def _converged(count: int) -> Table:
         took_s = perf_counter() - began
         finer = plate.modes((BAND_HZ[0] - NEAR_HZ, BAND_HZ[1] + NEAR_HZ), 4)
         rows[name] = {
-            "modes": float(len(modes)),
+            "modes_count": float(len(modes)),
             "error_hz": max((min(abs(hz - other_hz) for other_hz, _ in finer) for hz, _ in modes), default=0.0),
             "least_correlation": min((_correlation(shape, finer, hz) for hz, shape in modes), default=1.0),
             "time_s": took_s,
         }
     title = f"plates: modes at {BAND_HZ[0]:g} .. {BAND_HZ[1]:g} Hz against those of four degrees more"
-    return Table("plates", title, rows, (), ("correlation: with all modes within 3 Hz, whose plane may turn",))
+    return Table("plates", title, rows, ("correlation: with all modes within 3 Hz, whose plane may turn",))
 
 
 def _random_plate(random: np.random.Generator) -> GluedPlate:
@@ -108,32 +106,17 @@ def _correlation(shape: ModeShape, finer: Sequence[tuple[float, ModeShape]], hz:
     return float(np.sqrt((held @ held) / (own @ own)))
 
 
-def _ways(modes: ModeShapes, scipy: Any | None) -> dict[str, _Shapes]:
-    ways: dict[str, _Shapes] = {
+def _ways(modes: ModeShapes) -> dict[str, _Shapes]:
+    surfaces = [RectBivariateSpline(modes.y_mm, modes.x_mm, shape) for shape in modes.shapes]
+    return {
         "bicubic": partial(_bicubic, modes),
-        "bilinear": partial(_bilinear, modes, modes.shapes.tolist()),
+        "RectBivariateSpline": lambda x_mm, y_mm: [float(one.ev(y_mm, x_mm)) for one in surfaces],
     }
-    if scipy is not None:
-        surfaces = [scipy.RectBivariateSpline(modes.y_mm, modes.x_mm, shape) for shape in modes.shapes]
-        ways["RectBivariateSpline"] = lambda x_mm, y_mm: [float(one.ev(y_mm, x_mm)) for one in surfaces]
-    return ways
 
 
 def _bicubic(modes: ModeShapes, x_mm: float, y_mm: float) -> Sequence[float]:
     """As the solver has it."""
     return memoryview(evaluate(modes.tables, POINT, array("d", (x_mm, y_mm, 0.0, 0.0, 0.0)), False)).cast("d")
-
-
-def _bilinear(modes: ModeShapes, values: list[list[list[float]]], x_mm: float, y_mm: float) -> list[float]:
-    """On the map's even grid, on plain floats."""
-    rows, columns = modes.shapes.shape[1:]
-    x = (x_mm - modes.x_mm.item(0)) / (modes.x_mm.item(-1) - modes.x_mm.item(0)) * (columns - 1)
-    y = (y_mm - modes.y_mm.item(0)) / (modes.y_mm.item(-1) - modes.y_mm.item(0)) * (rows - 1)
-    i, j = min(int(x), columns - 2), min(int(y), rows - 2)
-    u, v = x - i, y - j
-    below = [(1.0 - u) * one[j][i] + u * one[j][i + 1] for one in values]
-    above = [(1.0 - u) * one[j + 1][i] + u * one[j + 1][i + 1] for one in values]
-    return [(1.0 - v) * low + v * high for low, high in zip(below, above, strict=True)]
 
 
 def _all(shapes: _Shapes, points_mm: FloatArray) -> FloatArray:

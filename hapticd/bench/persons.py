@@ -25,7 +25,7 @@ def run(observers: int = OBSERVERS) -> tuple[Table, ...]:
             "covered_percent": 100.0 * float(covered.mean()),
             "time_min": TRIALS * COMPARISON_S / 60.0,
         }
-    return (Table("persons", f"calibrate person: {observers} observers of each kind", rows, (), NOTES),)
+    return (Table("persons", f"calibrate person: {observers} observers of each kind", rows, NOTES),)
 
 
 def _one(kind: ObserverKind, seed: int) -> tuple[float, float, bool]:

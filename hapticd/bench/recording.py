@@ -68,8 +68,7 @@ def new_machine(
     recording: RecordedCalls, config: Config | None = None, publish: Callable[[bytes], None] | None = None
 ) -> Machine:
     """A machine without inputs so far; what it writes to its board is discarded."""
-    config = Config() if config is None else config
-    return Machine(config, recording.modes, write_board=lambda _: True, publish=publish)
+    return Machine(config or Config(), recording.modes, write_board=lambda _: True, publish=publish)
 
 
 def play(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..values import ComplexArray, FloatArray
 from .baselines import POLICIES, solve
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table
-from .timing import REPEATS, least_us, optional
+from .timing import REPEATS, least_us
 
 Solver = Callable[[FloatArray, tuple[float, float]], FloatArray | ComplexArray]  # phi (K, 2, 2), targets -> (K, 2)
 
@@ -35,10 +35,9 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> tu
     still_phi, slip_phi = phi[:problems], phi[problems:]
     ways: dict[str, Solver] = {policy: partial(_each, policy) for policy in POLICIES}
     ways["solve_batch"] = lambda phi, target_um: solve_batch(phi, target_um, W_LIMIT_UM)
-    ways["numpy solve + clip"] = _numpy_clip
-    daqp = optional("daqp")
-    if daqp is not None:
-        ways["daqp"] = partial(_daqp, daqp)
+    has_daqp = find_spec("daqp") is not None
+    if has_daqp:
+        ways["daqp"] = _daqp
     times_us = least_us(
         {name: (partial(way, still_phi[:timed], ONE_STILL), timed) for name, way in ways.items()}, repeats
     )
@@ -56,24 +55,20 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> tu
     notes = (
         "leak, slip error: one finger still, one at 1 um; both slip error: at 1 and 0.6 um, where signs are free",
         f"as Python: {why_interpreted()}" if why_interpreted() else "compiled",
-        *(() if daqp is not None else ("daqp: skipped, it is not installed",)),
+        *(() if has_daqp else ("daqp: skipped, it is not installed",)),
     )
     title = "solver: 2 fingers, 2 modes, |W| at most 4 um; RMS errors on random pairs of positions"
-    return (Table("solver", title, rows, ("time_us", "slip_error_um"), notes),)
+    return (Table("solver", title, rows, notes),)
 
 
 def _each(policy: str, phi: FloatArray, target_um: tuple[float, float]) -> FloatArray | ComplexArray:
     return np.array([solve(one, target_um, W_LIMIT_UM, policy=policy).modal_um for one in phi])
 
 
-def _numpy_clip(phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
-    """The obvious way: the inverse, and each mode clamped at its limit by itself."""
-    limit_um = np.array(W_LIMIT_UM)
-    return np.array([np.clip(np.linalg.solve(one, target_um), -limit_um, limit_um) for one in phi])
-
-
-def _daqp(daqp: Any, phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
+def _daqp(phi: FloatArray, target_um: tuple[float, float]) -> FloatArray:
     """A quadratic programme: still fingers are equalities, the others' squared errors are least, signs as given."""
+    import daqp  # for development alone
+
     still = np.array(target_um) == 0.0
     bounds_um = np.concatenate((W_LIMIT_UM, np.zeros(int(still.sum()))))
     sense = np.array([0, 0, *[5] * int(still.sum())], np.int32)

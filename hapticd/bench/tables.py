@@ -1,4 +1,4 @@
-"""Tables of benchmarks: figures by alternative, and ratios to the default, as text and as JSON.
+"""Tables of benchmarks: figures by alternative, as text and as JSON.
 
 A figure's name ends in its unit (`time_us`, `leak_um`). An alternative lacks a figure that it has not, or that is not
 finite.
@@ -14,31 +14,22 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Alternatives compared in one run, the default first; the figures `compared` have a ratio to the default's."""
+    """Alternatives compared in one run, the default first."""
 
     name: str
     title: str
     rows: Mapping[str, Mapping[str, float]]
-    compared: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def figure(self, row: str, name: str) -> float:
         """Return a figure; NaN where there is none."""
         return self.rows[row].get(name, math.nan)
 
-    def ratio(self, row: str, name: str) -> float:
-        """Return a compared figure over the default's; NaN unless both are positive."""
-        value, reference = self.figure(row, name), self.figure(next(iter(self.rows)), name)
-        return value / reference if name in self.compared and value > 0.0 and reference > 0.0 else math.nan
-
 
 def plain(table: Table) -> dict[str, Any]:
     """Return the table for JSON: finite numbers and strings only."""
     alternatives = {
-        row: {
-            **{name: float(value) for name, value in figures.items() if math.isfinite(value)},
-            **{f"{name}_ratio": one for name in figures if math.isfinite(one := table.ratio(row, name))},
-        }
+        row: {name: float(value) for name, value in figures.items() if math.isfinite(value)}
         for row, figures in table.rows.items()
     }
     return {"title": table.title, "default": next(iter(table.rows)), "alternatives": alternatives}
@@ -47,7 +38,7 @@ def plain(table: Table) -> dict[str, Any]:
 def render(table: Table) -> str:
     """Return the table as text."""
     lines = [["", *(names := dict.fromkeys(name for row in table.rows.values() for name in row))]]
-    lines += [[f"  {row}", *(_cell(table, row, name) for name in names)] for row in table.rows]
+    lines += [[f"  {row}", *(number(table.figure(row, name)) for name in names)] for row in table.rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     texts = [table.title]
     for first, *cells in lines:
@@ -56,15 +47,10 @@ def render(table: Table) -> str:
     return "\n".join([*texts, *(f"  {note}" for note in table.notes)])
 
 
-def _cell(table: Table, row: str, name: str) -> str:
-    value, ratio = table.figure(row, name), table.ratio(row, name)
-    if not math.isfinite(value):
-        return "-"
-    return number(value) + (f" {'x' + number(ratio):>7}" if math.isfinite(ratio) else "")
-
-
 def number(value: float) -> str:
     """Format with three significant digits, without an exponent down to 1e-6; counts as they are."""
+    if not math.isfinite(value):
+        return "-"
     if value == round(value) and abs(value) < 1e9:
         return f"{value:.0f}"
     digits = 2 - int(f"{value:.2e}".partition("e")[2])

@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import importlib
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
 
 REPEATS = 7
 
@@ -38,11 +36,3 @@ def no_garbage_collection() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
-
-
-def optional(module: str) -> Any | None:
-    """Return the module of an optional library, or None where it is not installed."""
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        return None

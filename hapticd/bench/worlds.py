@@ -68,7 +68,7 @@ def _levels(by_level: dict[str, _Scores]) -> Table:
         "over before: leak over that of hapticd before touching, the most of all worlds",
         "limit: the plate's true amplitude in a mode over its W_LIM, the most of all worlds",
     )
-    return Table("worlds", f"worlds: {SCENARIO}, contacts: {counts}", rows, ("contact_leak_um", "contrast"), notes)
+    return Table("worlds", f"worlds: {SCENARIO}, contacts: {counts}", rows, notes)
 
 
 def _felt(laboratories: dict[str, _Scores]) -> Table:
@@ -84,4 +84,4 @@ def _felt(laboratories: dict[str, _Scores]) -> Table:
         f"curve known: the person's scale, just calibrated to {100 * CALIBRATED_FRAC:g} % RMS, for all fingers",
     )
     each = ", ".join(f"{len(worlds)} x {glass}" for glass, worlds in laboratories.items())
-    return Table("worlds_felt", f"worlds: {SCENARIO}, what is felt in laboratories, {each}", rows, notes=notes)
+    return Table("worlds_felt", f"worlds: {SCENARIO}, what is felt in laboratories, {each}", rows, notes)

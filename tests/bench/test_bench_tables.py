@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from hapticd.bench.tables import Table, plain
+from hapticd.bench.tables import Table, plain, render
 from hapticd.bench.timing import least_us
 
 TABLE = Table(
@@ -18,21 +18,18 @@ TABLE = Table(
         "other": {"time_us": 8.0, "leak_um": 0.08, "limits_broken_count": 3},
         "exact": {"time_us": 3.0, "leak_um": 0.0, "slip_error_um": math.nan},
     },
-    ("time_us", "leak_um"),
     ("oracle: skipped, it is not installed",),
 )
 
 
-def test_ratios_are_to_the_first_row_and_what_is_not_finite_is_left_out() -> None:
-    assert math.isnan(TABLE.ratio("exact", "leak_um"))
-    assert math.isnan(TABLE.ratio("other", "limits_broken_count"))
+def test_what_is_not_finite_is_left_out_of_json_and_a_dash_in_text() -> None:
     with pytest.raises(KeyError):
         TABLE.figure("none", "time_us")
     written = json.loads(json.dumps(plain(TABLE), allow_nan=False))
     assert written["default"] == "ours"
     assert written["alternatives"]["other"]["limits_broken_count"] == 3
-    assert written["alternatives"]["other"]["time_us_ratio"] == 4.0
     assert "slip_error_um" not in written["alternatives"]["exact"]
+    assert render(TABLE).splitlines()[4].split()[-1] == "-"
 
 
 def test_alternatives_are_timed_in_turns_per_operation() -> None:
