@@ -13,7 +13,6 @@ from types import ModuleType
 from typing import cast
 
 from ..config import loader as config
-from ..config import person
 from ..config.sections import SIMULATED, Config
 from . import glass, simulated_fingers
 
@@ -25,12 +24,6 @@ STDERR = 2  # the descriptor
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_config_arguments(parser)
-    parser.add_argument(
-        "--friction",
-        type=Path,
-        metavar="F.toml",
-        help="the friction curve of this file, such as one participant's (calibrate friction --participant)",
-    )
     parser.add_argument("--print-config", action="store_true", help="print the active configuration, and exit")
     parser.add_argument("--check", action="store_true", help="read all files it names, report errors, and exit")
     simulated_fingers.add_arguments(parser, "strokes, of two fingers")
@@ -55,13 +48,8 @@ def configuration(options: argparse.Namespace) -> Config:
 
 
 def _configuration(options: argparse.Namespace) -> Config:
-    """Return the same with --friction and the fingers of --scenario. Raises ConfigError, UsageError."""
+    """Return the same with the fingers of --scenario. Raises ConfigError, UsageError."""
     loaded = configuration(options)
-    if options.friction is not None:
-        plate, note = person.load(options.friction, loaded.plate)
-        loaded = replace(loaded, plate=plate)
-        if note:
-            log.warning("%s", note)
     is_simulated = loaded.trackpad.source == SIMULATED
     return replace(loaded, sim=simulated_fingers.chosen(options, loaded.sim, is_simulated=is_simulated))
 
@@ -123,7 +111,7 @@ def without_openssl() -> Iterator[None]:
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
     command = [sys.executable, "-P", "-m", "hapticd", "run", "--check", *(["--sim"] if options.sim else [])]
-    for name in ("config", "friction", "plate", "copy", "modes", "wiring", "scenario"):
+    for name in ("config", "plate", "copy", "modes", "wiring", "scenario"):
         if (value := getattr(options, name)) is not None:
             command += [f"--{name}", str(value)]
     return command

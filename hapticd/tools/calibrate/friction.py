@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from ...values import FloatArray
 from .. import plotting
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
-from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, about, add_participant, judge
+from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, add_participant, judge
 
 COLUMNS = ("amplitude_um", "friction")
 SPEED_COLUMN = "speed_mm_s"  # optional
@@ -68,8 +68,7 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     found = fit_friction(*(simulated.friction_readings(options.seed) if options.sim else read(options.readings)))
     draw(found, options.out / "friction.png", source=simulated.source(options))
-    found_verdict = verdict(found, is_simulated=options.sim)
-    return replace(found_verdict, settings={**found_verdict.settings, **about(options)})
+    return verdict(found, is_simulated=options.sim)
 
 
 def read(path: Path) -> FloatArray:
@@ -89,14 +88,14 @@ def read(path: Path) -> FloatArray:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
     if not 0 < len(cells) <= MAX_READINGS:
         raise CalibrationError(f"{path}: holds {len(cells)} readings: give 1 to {MAX_READINGS}, a line for each.")
-    found = np.full((len(cells), len(header)), np.nan)
-    for place, row in enumerate(cells):
+    found = []
+    for place, row in enumerate(cells, 1):
         try:
-            found[place] = np.array(row, np.float64).reshape(len(header))
+            found.append(np.array(row, np.float64).reshape(len(header)))
         except ValueError:
-            why = f"reading {place + 1} is not {len(header)} numbers"
+            why = f"reading {place} is not {len(header)} numbers"
             raise CalibrationError(f"{path}: {why}: correct or delete it.") from None
-    return found.T
+    return np.array(found).T
 
 
 def fit_friction(
@@ -107,8 +106,6 @@ def fit_friction(
     Raises CalibrationError for readings that show no curve.
     """
     amplitude, value = np.asarray(amplitude_um, np.float64), np.asarray(friction, np.float64)
-    if amplitude.shape != value.shape or amplitude.ndim != 1:
-        raise CalibrationError("There must be one friction for each amplitude.")
     if not ((amplitude >= 0.0) & (amplitude <= LARGEST) & (np.abs(value) <= LARGEST)).all():  # NaN fails this, too
         raise CalibrationError("An amplitude is negative, or a reading is no finite number: correct or delete it.")
     if len(np.unique(amplitude)) < MIN_LEVELS or not amplitude.min() <= BARE_UM:
@@ -209,10 +206,9 @@ def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
     figure, ((plot,),) = plotting.subplots(6.0, 4.0, source=source)
     (amplitude_um, friction), left_out = found.at_rest, found.left_out
     plot.plot(amplitude_um[~left_out], friction[~left_out], ".", label="readings")
-    if left_out.any():
-        plot.plot(amplitude_um[left_out], friction[left_out], "x", label="left out")
+    plot.plot(amplitude_um[left_out], friction[left_out], "x", label="left out")
     height = found.floor + (found.bare - found.floor) * np.linspace(1.0, 0.0, KNOTS)
-    farthest_um = max(float(amplitude_um.max()), float(found.amplitude_um[-1]))
+    farthest_um = max(amplitude_um.max(), found.amplitude_um[-1])
     plot.plot([*found.amplitude_um, farthest_um], [*height, found.floor], "-o", markersize=3, label="curve")
     plot.set(xlabel="amplitude, um peak to peak", ylabel="friction, as measured", ylim=(0.0, None))
     plot.legend()

@@ -20,7 +20,7 @@ from ...errors import CalibrationError, HapticdError
 from ...sim.observer import KINDS, REFERENCE, SimulatedObserver
 from .. import arguments
 from . import folder
-from .step import Figure, MissingInput, Outcome, Step, Verdict, about, add_participant
+from .step import Figure, MissingInput, Outcome, Step, Verdict, add_participant
 
 STROKED = 90  # states with one finger on the plate, a second, over which its amplitude is averaged
 UNSURE_FRAC = 0.15  # of the interval, to one side
@@ -70,7 +70,7 @@ def verdict(found: Match, options: argparse.Namespace) -> Verdict:
     if high_um > (1.0 + UNSURE_FRAC) * decay_um:
         outcome, sentence = Outcome.WARN, f"{sentence} That is wide: measure again."
     plate = {"friction_curve": [0.0, FULL_UM], "friction_floor_frac": round(math.exp(-FULL_UM / decay_um), 4)}
-    return Verdict("person", outcome, sentence, figures, {"plate": plate, **about(options)}, options.sim)
+    return Verdict("person", outcome, sentence, figures, {"plate": plate}, options.sim)
 
 
 def asked(client: Client, amplitude_um: float) -> Answer:

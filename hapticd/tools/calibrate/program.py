@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ..arguments import add_command, whole
 from ..outputs import require_matplotlib
 from . import folder
 from .bench import at_bench
-from .step import MissingInput, Outcome, Step, Verdict, in_order, steps
+from .step import MissingInput, Outcome, Step, Verdict, about, in_order, steps
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -140,7 +141,8 @@ def _is_mended(verdict: Verdict, options: argparse.Namespace) -> bool:
 
 def run_step(step: Step, options: argparse.Namespace) -> Verdict:
     """Run one step, and keep its verdict. Raises HapticdError."""
-    verdict = folder.accepted(step.run(options))
+    found = step.run(options)
+    verdict = folder.accepted(replace(found, settings={**found.settings, **about(options)}))
     keep(verdict, options)
     return verdict
 

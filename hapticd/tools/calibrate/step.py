@@ -121,7 +121,7 @@ def add_participant(parser: argparse.ArgumentParser) -> None:
 
 def about(options: argparse.Namespace) -> FoundSettings:
     """Return the section that says whose a friction curve is; nothing for a plate's."""
-    if options.participant is None:
+    if getattr(options, "participant", None) is None:
         return {}
     today = date.today().isoformat()
     return {person.SECTION: {"name": options.participant, "date": today, "finger": options.finger}}

@@ -22,14 +22,13 @@ from ...config.sections import DeviceConfig
 from ...design.far_modes import with_far_modes
 from ...design.wiring import AmplifierSweep, MeasuredWiring, as_likely
 from ...errors import DeviceError
-from ...sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, BoardTrace, PlateModel
-from ...values import Knot, LimitReason, SafeDrive
+from ...sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, PlateModel
+from ...sim.board.closed_loop import follow
 from ...wire import device
 
 HELD_S: Final = 0.5  # of each of two references: slow laws swing slowly
 ASKED_FRAC: Final = 0.5  # of each mode's limit
 FRAME_S: Final = 0.02
-TRUSTED: Final = 3  # frames of a stream until a board follows them
 NOISE_UM: Final = 0.0006
 MARGIN: Final = 1.21  # of far modes in the loop: amplifiers and sensors are known to a tenth each
 LAW: Final = DeviceConfig().controller  # what the service sets, unless its configuration names another
@@ -151,19 +150,13 @@ def fitted_plate(found: MeasuredWiring, drive_hz: float, v_limit_v: float) -> Pl
 
 def _fault(board: Board) -> int:
     """Drive all modes, with alternating signs, then turned by half: return the fault in which it ends, 0 without."""
-    config, plate = board.config, board.model
+    config = board.config
+    signs = (-1.0) ** np.arange(len(config.w_limit_um))
+    asked_um = ASKED_FRAC * np.array(config.w_limit_um, np.complex128) * signs
     every = max(round(FRAME_S * config.control_hz), 1)
-    trace = BoardTrace(every, plate.modes, plate.plate_modes)
-    phi, decay_1_s = np.zeros((every, 0, plate.plate_modes)), np.zeros((every, 0))
-    frames, seq = round(2.0 * HELD_S / FRAME_S), 0
-    for frame in range(frames):
-        turn = 1.0 if 2 * frame < frames else -1.0
-        asked = tuple(turn * ASKED_FRAC * limit * (-1.0) ** k + 0j for k, limit in enumerate(config.w_limit_um))
-        for _ in range(1 if frame else TRUSTED):
-            board.receive(device.encode_reference(seq, SafeDrive(0, (Knot(0, asked),), LimitReason.NONE), board.t_us))
-            seq += 1
-        board.run(every, phi, decay_1_s, trace)
-        board.transmit()
+    ticks = round(2.0 * HELD_S / FRAME_S) * every
+    follow(board, lambda t_s: [(0.0, asked_um if t_s < HELD_S - 1e-4 else -asked_um)], ticks, every)
+    board.transmit()
     board.receive(device.encode(LogRequest()))
     logs = [said for said in device.Decoder().feed(board.transmit()) if isinstance(said, BoardLog)]
     return next((entry.code for log in logs for entry in log.entries if entry.code in FAULTS), 0)

@@ -73,7 +73,6 @@ def test_wide_scatter_of_readings_is_a_warning_and_little_a_curve_for_the_servic
         ([0, 1, 2, 3], [-0.1, -0.4, -0.7, -0.8], "readings' sign"),
         ([-1, 0, 2, 3], [1, 1, 1, 1], "negative"),
         ([], [], "Measure bare glass"),
-        ([0, 1], [1], "one friction for each amplitude"),
     ],
 )
 def test_readings_that_show_no_curve_are_refused(amplitude_um: list[float], value: list[float], sentence: str) -> None:
