@@ -28,7 +28,10 @@ def folder_of(calibration: Path, name: str) -> Path:
 
 
 def find(name: str, plate: PlateConfig) -> tuple[PlateConfig, str]:
-    """Return what `load` does for a participant, whose folder is beside the plate's mode map. Raises ConfigError."""
+    """Return what `load` does for a participant, whose folder is beside the plate's mode map; for no name the plate
+    itself. Raises ConfigError."""
+    if not name:
+        return plate, ""
     path = folder_of(Path(plate.modes_file).parent if plate.modes_file else CALIBRATION, name) / FILE
     if not path.is_file():
         raise ConfigError(f"There is no file {path}: `hapticd calibrate person --participant {name}` makes it.")

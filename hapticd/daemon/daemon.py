@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.person import find
-from ..config.sections import Config, PlateConfig
+from ..config.sections import Config
 from ..core.pipeline import OVERRUN_NS, PassTimes
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..files.recording.header import Header, utc_now
@@ -135,15 +135,10 @@ class Daemon:
             calibration=self._calibration,
             parasitic_modes=self._parasitic_modes,
         )
-        machine.find_person = self._find_person
+        machine.find_person = lambda name: find(name, self._config.plate)  # a file of 1 KB, read within the loop
         machine.status.inputs = self._inputs
         machine.status.lost_messages = lambda: self._server.counters
         return machine
-
-    def _find_person(self, name: str) -> tuple[PlateConfig, str]:
-        """Return the plate for a participant, whose file of 1 KB is read within the loop, and a sentence if it is old;
-        for no name that of the configuration. Raises ConfigError."""
-        return find(name, self._config.plate) if name else (self._config.plate, "")
 
     def _inputs(self) -> dict[str, object]:
         trackpad = {**self._trackpad.counters, "reports_left_out": self._reports_left_out}

@@ -30,7 +30,7 @@ def with_far_modes(found: MeasuredWiring, sweeps: Sequence[AmplifierSweep], most
     """
     offset_hz = np.concatenate([sweep.frequency_hz for sweep in sweeps]) - found.centre_hz
     unit = 2.0 * math.pi * float(np.abs(offset_hz).max())
-    driven = _driven_poles(found)
+    driven = found.driven_poles(found.centre_hz)
     s: list[ComplexArray] = []
     y: list[ComplexArray] = []
     for k in range(len(found.fits)):
@@ -47,15 +47,6 @@ def with_far_modes(found: MeasuredWiring, sweeps: Sequence[AmplifierSweep], most
     residues, constant = _fitted(s, y, poles)
     parasitic = ParasiticPoles(unit * poles, unit * residues)
     return replace(found, parasitic=parasitic, background_um_per_v=constant)
-
-
-def _driven_poles(found: MeasuredWiring) -> ComplexArray:
-    return np.array(
-        [
-            math.pi * complex(-fit.frequency_hz / fit.q_factor, 2.0 * (fit.frequency_hz - found.centre_hz))
-            for fit in found.fits
-        ]
-    )
 
 
 def _shown(found: MeasuredWiring, poles: ComplexArray, s: ComplexArray, amplifier: int) -> ComplexArray:

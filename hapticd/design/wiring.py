@@ -69,6 +69,12 @@ class MeasuredWiring:
         """Return the amplifier that drives the mode most, the first of equal ones."""
         return _first_large(self.drives[mode])
 
+    def driven_poles(self, from_hz: float) -> ComplexArray:
+        """Return the modes' poles (M,), -decay + i detuning in rad/s from a frequency."""
+        frequency_hz = np.array([fit.frequency_hz for fit in self.fits])
+        width_hz = frequency_hz / np.array([fit.q_factor for fit in self.fits])
+        return np.asarray(math.pi * (-width_hz + 2j * (frequency_hz - from_hz)), np.complex128)
+
     def modal(self, mode: int, sweep: AmplifierSweep) -> ComplexArray:
         """Return the mode's amplitude per volt (n,) in a sweep, without the parasitic modes."""
         return np.asarray(self._driven_um_per_v(sweep) @ np.linalg.inv(self.senses)[mode])
@@ -164,15 +170,7 @@ def as_likely(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring) -> list[M
     than `found` does: none where a constant explains all but noise."""
     scaled = _scaled(sweeps)
     turn_rad_s = 2.0 * math.pi * scaled.half_hz
-    driven = np.array(
-        [
-            math.pi
-            * complex(-fit.frequency_hz / fit.q_factor, 2.0 * (fit.frequency_hz - scaled.centre_hz))
-            / turn_rad_s
-            for fit in found.fits
-        ],
-        np.complex128,
-    )
+    driven = found.driven_poles(scaled.centre_hz) / turn_rad_s
     others = []
     for outside in better_parasitic(scaled.s, scaled.y, driven, np.asarray(found.parasitic.poles / turn_rad_s)):
         with contextlib.suppress(ValueError):

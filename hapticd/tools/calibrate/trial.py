@@ -125,10 +125,7 @@ def fitted_plate(found: MeasuredWiring, drive_hz: float, v_limit_v: float) -> Pl
     """Return the plate as it was fitted; of parasitic modes as much as the simulated board's plate has room for."""
     count = len(found.fits)
     loops = np.exp(1j * np.array([fit.loop_phase_rad for fit in found.fits]))
-    poles = [
-        complex(-math.pi * fit.frequency_hz / fit.q_factor, 2.0 * math.pi * (fit.frequency_hz - drive_hz))
-        for fit in found.fits
-    ]
+    poles = found.driven_poles(drive_hz).tolist()
     gains, seen = list((found.drives / (-1j * loops)[:, None]).real), list((found.senses * loops).T)
     outside = found.parasitic
     for pole, residue in zip(outside.poles, outside.residues, strict=True):
