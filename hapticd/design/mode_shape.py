@@ -43,10 +43,6 @@ class ModeShape:
             raise ValueError(f"of {self.name} only the deflection is known: solve its plate.")
         return self.motion
 
-    def __call__(self, points_mm: npt.ArrayLike) -> FloatArray:
-        """Same as `evaluate`."""
-        return self.evaluate(points_mm)
-
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (N,) at `points_mm` (N, 2), clamped to the plate. NaN stays NaN."""
         x, y = _on_plate(points_mm, self.size_mm)
