@@ -21,7 +21,7 @@ from ...regular_file import csv_rows, read_lines
 from ...values import FloatArray
 from .. import plotting
 from . import simulated
-from .friction_speed import BARE_UM, fit_speed
+from .friction_speed import BARE_UM, SpeedFit, fit_speed
 from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, add_participant, judge
 
 COLUMNS = ("amplitude_um", "friction")
@@ -41,18 +41,14 @@ ROUNDING = 1e-9  # of the friction: readings without noise have a floor too
 @dataclass(frozen=True, slots=True)
 class FrictionFit:
     """The curve `amplitude_um` (KNOTS,) at equally spaced frictions 1 .. 0, rising from 0; bare glass, floor and noise
-    of one reading in the readings' own unit; the readings (N,) that were left out; and the sliding speed that needs
-    twice the amplitude, inf for none, with a sentence about it. `at_rest` are amplitudes and frictions (N,) as fitted.
-    """
+    of one reading in the readings' own unit; the readings (N,) that were left out; what was fitted of their speeds."""
 
     amplitude_um: FloatArray
     bare: float
     floor: float
     noise_rms: float
     left_out: npt.NDArray[np.bool_]
-    speed_mm_s: float
-    about_speed: str
-    at_rest: tuple[FloatArray, FloatArray]
+    speed: SpeedFit
 
 
 def check(options: argparse.Namespace) -> None:
@@ -113,7 +109,8 @@ def fit_friction(
     speeds = None if speed_mm_s is None else np.asarray(speed_mm_s, np.float64)
     if speeds is not None and not ((speeds > 0.0) & (speeds <= LARGEST)).all():
         raise CalibrationError("A speed is not above 0, or no finite number: correct or delete its reading.")
-    v0_mm_s, about_speed, amplitude, value = fit_speed(amplitude, value, speeds)
+    speed = fit_speed(amplitude, value, speeds)
+    amplitude, value = speed.amplitude_um, speed.friction
     left_out = _left_out(amplitude, value)
     kept, heights = amplitude[~left_out], value[~left_out]
     levels, falling, weights = _falling(kept, heights)
@@ -122,7 +119,7 @@ def fit_friction(
     noise = float(np.sqrt(np.mean((heights - falling[np.searchsorted(levels, kept)]) ** 2)))
     curve_um = _inverted(*_blocks(levels, falling, weights, noise))
     bare, floor = float(falling[0]), float(falling[-1])
-    return FrictionFit(curve_um, bare, floor, noise, left_out, v0_mm_s, about_speed, (amplitude, value))
+    return FrictionFit(curve_um, bare, floor, noise, left_out, speed)
 
 
 def _left_out(amplitude: FloatArray, value: FloatArray) -> npt.NDArray[np.bool_]:
@@ -192,11 +189,11 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
     if found.left_out.mean() > 0.1:
         findings.append((Outcome.WARN, "More than a tenth of the readings are outliers: check them."))
     fallen = f"Friction falls to {100.0 * found.floor / found.bare:.0f} % at {found.amplitude_um[-1]:.2f} um."
-    outcome, sentence = judge(findings, f"{fallen} {found.about_speed}")
+    outcome, sentence = judge(findings, f"{fallen} {found.speed.sentence}")
     plate = {
         "friction_curve": [round(um, 5) for um in found.amplitude_um.tolist()],
         "friction_floor_frac": round(min(max(found.floor / found.bare, LEAST_FLOOR_FRAC), MOST_FLOOR_FRAC), 4),
-        "friction_speed_mm_s": round(found.speed_mm_s, 1) if math.isfinite(found.speed_mm_s) else 0.0,
+        "friction_speed_mm_s": round(found.speed.speed_mm_s, 1) if math.isfinite(found.speed.speed_mm_s) else 0.0,
     }
     return Verdict("friction", outcome, sentence, figures, {"plate": plate}, is_simulated)
 
@@ -204,7 +201,7 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
 def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
     """Draw readings, outliers and the curve, as of a finger at rest. Raises HapticdError."""
     figure, ((plot,),) = plotting.subplots(6.0, 4.0, source=source)
-    (amplitude_um, friction), left_out = found.at_rest, found.left_out
+    amplitude_um, friction, left_out = found.speed.amplitude_um, found.speed.friction, found.left_out
     plot.plot(amplitude_um[~left_out], friction[~left_out], ".", label="readings")
     plot.plot(amplitude_um[left_out], friction[left_out], "x", label="left out")
     height = found.floor + (found.bare - found.floor) * np.linspace(1.0, 0.0, KNOTS)

@@ -126,10 +126,10 @@ def sliding(v0_mm_s: float, seed: int) -> tuple[np.ndarray, ...]:
 @pytest.mark.parametrize("v0_mm_s", [100.0, 400.0])
 def test_the_speed_that_needs_twice_the_amplitude_is_found_with_the_curve(v0_mm_s: float, seed: int) -> None:
     found = fit_friction(*sliding(v0_mm_s, seed))
-    assert found.speed_mm_s == pytest.approx(v0_mm_s, rel=0.35)
+    assert found.speed.speed_mm_s == pytest.approx(v0_mm_s, rel=0.35)
     half_um = DEFAULT_FRICTION_CURVE.amplitude_um(0.5)
     for speed_mm_s in (50.0, 100.0, 200.0):  # the errors of the curve at rest and of v0 cancel
-        needed_um = found.amplitude_um[KNOTS // 2] * (1.0 + speed_mm_s / found.speed_mm_s)
+        needed_um = found.amplitude_um[KNOTS // 2] * (1.0 + speed_mm_s / found.speed.speed_mm_s)
         assert needed_um == pytest.approx(half_um * (1.0 + speed_mm_s / v0_mm_s), rel=0.12)
     made = friction.verdict(found, is_simulated=False)
     assert "needs twice the amplitude of one at rest" in made.sentence
@@ -140,10 +140,10 @@ def test_the_speed_that_needs_twice_the_amplitude_is_found_with_the_curve(v0_mm_
 def test_readings_without_an_effect_of_speed_give_none(seed: int) -> None:
     amplitude_um, value, speed_mm_s = sliding(np.inf, seed)
     found = fit_friction(amplitude_um, value, speed_mm_s)
-    assert found.speed_mm_s == np.inf
-    assert found.about_speed.startswith("Speed changes nothing that the readings show, from 2")
+    assert found.speed.speed_mm_s == np.inf
+    assert found.speed.sentence.startswith("Speed changes nothing that the readings show, from 2")
     found = fit_friction(amplitude_um, np.exp(-amplitude_um), speed_mm_s)  # as a sensor without noise has it
-    assert (found.speed_mm_s, found.bare) == (np.inf, pytest.approx(1.0))
+    assert (found.speed.speed_mm_s, found.bare) == (np.inf, pytest.approx(1.0))
 
 
 def test_readings_that_cannot_show_an_effect_of_speed_say_so() -> None:
@@ -158,7 +158,7 @@ def test_readings_that_cannot_show_an_effect_of_speed_say_so() -> None:
         (few_fast, "fewer than 4 amplitudes each"),
     ):
         found = fit_friction(amplitude_um, value, speeds)
-        assert found.speed_mm_s == np.inf
-        assert sentence in found.about_speed
+        assert found.speed.speed_mm_s == np.inf
+        assert sentence in found.speed.sentence
     with pytest.raises(CalibrationError, match="A speed is not above 0"):
         fit_friction(amplitude_um, value, -speed_mm_s)
