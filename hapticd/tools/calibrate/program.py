@@ -142,7 +142,7 @@ def _is_mended(verdict: Verdict, options: argparse.Namespace) -> bool:
 def run_step(step: Step, options: argparse.Namespace) -> Verdict:
     """Run one step, and keep its verdict. Raises HapticdError."""
     found = step.run(options)
-    verdict = folder.accepted(replace(found, settings={**found.settings, **about(options)}))
+    verdict = folder.accepted(replace(found, settings={**about(options), **found.settings}))
     keep(verdict, options)
     return verdict
 

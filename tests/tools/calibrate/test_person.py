@@ -86,7 +86,7 @@ def test_the_person_at_the_terminal_strokes_an_even_plate_and_a_check_keeps_the_
     assert laid_um[-1] == 0.0
     written = file.read_text()
     for plate.gain, sentence in ((1.0, "comparisons confirm"), (1.5, "measure again")):
-        assert call("--check") == 0
+        assert call("--check", "--finger", "left thumb") == 0
         assert sentence in capsys.readouterr().out
         assert file.read_text() == written
 
