@@ -30,8 +30,7 @@ from .tables import Table
 from .timing import REPEATS, least_us
 
 SIZES = ((2, 4), (2, 6), (2, 8), (3, 8), (5, 8))  # fingers and modes
-LOOPS = ((REFERENCE, 2), (FINGERTIP, 4), (FINGERTIP, 6), (WIDE, 8))  # plates and modes
-DRIVEN = 6
+LOOPS = ((REFERENCE, 2), (FINGERTIP, 4), (WIDE, 8))  # plates and modes
 REACH_MM, LEAST_GAP_MM = 85.0, 20.0
 SETTLING = 20  # calls until the amplitudes before are settled
 AGO_NS = 10_000_000
@@ -67,13 +66,13 @@ class _Problem:
     """One moment: where the fingers are and were, and what they should feel."""
 
     def __init__(self, fingers: int, modes: int, random: np.random.Generator) -> None:
-        plate = GroundTruth(PlateSettings.of(FINGERTIP, min(modes, DRIVEN)))
-        self.limits_um = np.array([*plate.w_limit_um, *plate.w_limit_um[-1:] * (modes - len(plate.w_limit_um))])
+        plate = GroundTruth(PlateSettings.of(WIDE, modes))
+        self.limits_um = np.array(plate.w_limit_um)
         targets_um = [float(index % 2 == 0) for index in range(fingers)]
         points_mm = _apart(fingers, random)
         before_mm = points_mm + random.normal(scale=1.0, size=points_mm.shape)
         before, self._now = (_places(places_mm, targets_um) for places_mm in (before_mm, points_mm))
-        modes_map = plate.true_mode_map(modes)
+        modes_map = plate.true_mode_map()
         points = np.array(SOLVED_DISC) * (CONTACT_RADIUS_MM, CONTACT_RADIUS_MM, 1.0)
         self._weights = points[:, 2]
         self._phi = modes_map.evaluate((points_mm[:, None] + points[:, :2]).reshape(-1, 2)).reshape(fingers, -1, modes)
@@ -121,7 +120,7 @@ def _rule(problems: int, repeats: int, starts: int) -> Table:
         "error: the largest of all fingers, median over the problems",
         f"bound: SciPy's SLSQP, the best of {starts} starts",
     )
-    title = f"felt: friction as asked over contacts of {CONTACT_RADIUS_MM:g} mm on the fingertip plate, a knot"
+    title = f"felt: friction as asked over contacts of {CONTACT_RADIUS_MM:g} mm on the wide plate, a knot"
     return Table("felt", title, rows, notes)
 
 
