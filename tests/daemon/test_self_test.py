@@ -199,8 +199,9 @@ async def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path)
     line.daemon.start(asyncio.get_running_loop(), PLATE)
     assert line.test.result is not None
     assert line.test.result[0] == RUNNING
-    await asyncio.to_thread(gate.write_text, "go on")  # opens only once the test reads: the port was free until now
+    opened = await asyncio.to_thread(gate.open, "w")  # only once the test reads: the port was free until now
     assert line.terminal.heard() == b""
+    opened.close()
     await until(lambda: line.terminal.heard() == b"\0" + device.encode(HelloRequest()))
     assert line.test.result[0] == MOVED
     line.test._command = prints(document())
