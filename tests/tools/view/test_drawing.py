@@ -117,7 +117,7 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     page.until(lambda: page["untouched"].is_displayed())
     page.choose("new", "slippery")
     lay_down(page, 100, 80)
-    page.until(lambda: any("of 1.00" in row and "ours" in row for row in page.fingers()))
+    page.until(lambda: any("of 0.46" in row and "ours" in row for row in page.fingers()))
 
     page["plate"].send_keys(Keys.ESCAPE)
     assert page.complaints() == []
