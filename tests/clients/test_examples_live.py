@@ -29,14 +29,14 @@ EXPECTED = {
     "grating": r"^finger \d+: stripes every 8 mm, 0 \.\. 1\.5 um$",
     "maze": r"^Find the gaps of 5 walls",
     "moving_patch": r"^patch at x = -40 mm: \+40 mm/s$",
-    "paper_environment": r"^finger \d+ landed at x = [-+][\d.]+ mm: friction (0\.2|1)$",
+    "paper_environment": r"^finger \d+ landed at x = [-+][\d.]+ mm: friction (0\.49|1)$",
     "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, friction [01]\.\d\d",
     "piano": r"^finger \d+: [A-Gc], [\d.]+ Hz$",
     "print_achieved": r"^. (ACTIVE|ARMED) +",
     "reach": r"^finger \d+: ",
     "slider": r"^7 detents on a track of 100 mm",
     "turntable": r"^fingers on the record: [012]$",
-    "virtual_finger": r"^finger \d+: friction 0\.2$",
+    "virtual_finger": r"^finger \d+: friction 0\.49$",
     "webcam": r"^the picture of (a light|the camera), 10 a second$",
 }
 

@@ -18,6 +18,7 @@ enum { SWEEPS = 4 };                       /* of an iteration */
 enum { COLD = 9 };                         /* times as many iterations from silence */
 static const double PAST_FRAC = 0.1;       /* 0.2 makes larger steps */
 static const double STAY_FRAC = 0.03;      /* of the mean curvature: keeps W where directions are nearly equal */
+static const double RIDGE_FRAC = 0.3;      /* of what keeps W, drawn to 0 where it is within half of the limits */
 static const double INDEPENDENT = 1e-12;   /* of a row: what the others must leave of it */
 static const double TINY_UM = 1e-9;
 static const double UNCERTAIN_FRAC = 0.01; /* of a mode's amplitude: map, gain and sensor together */
@@ -38,7 +39,7 @@ typedef struct {
     const double *shapes, *weights, *limits_um;                                              /* (N Q, M), (Q,), (M,) */
     const double *targets_um, *frictions, *counted, *stickiness, *gains;                     /* (N,) */
     const double *starts_um, *origins_um, *rates_1_um;                                       /* (pieces,) */
-    double full_um, least, uncertain; /* uncertain: the square of the share of a mode's amplitude */
+    double full_um, least, uncertain, keep; /* uncertain: the square of the share of a mode's amplitude */
     double *log_weights, *errors, *contact_rms_um, *got, *logs;                              /* (N,) */
     double *rows, *across;                                 /* what W acts on: (N Q, M) and one more, and (M, room) */
     double *w_d_um, *w_q_um, *rms_um, *friction, *rate_1_um, *kappa, *pulled;                /* (room,) */
@@ -180,7 +181,7 @@ INLINE void sweep(problem_t *p, const Py_ssize_t modes)
         const double own = (1.0 + p->uncertain) * p->curvature[k][k] + stay;
         shares[k] = own > 0.0 ? (1.0 + PAST_FRAC) / own : 0.0;
         w_um[k] = p->w_um[k];
-        pull[k] = shares[k] * (p->pull[k] + stay * (p->still > 0 ? p->centre_um[k] : w_um[k]));
+        pull[k] = shares[k] * (p->pull[k] + p->keep * stay * (p->still > 0 ? p->centre_um[k] : w_um[k]));
         for (Py_ssize_t other = 0; other < modes; other++)
             line[k][other] = shares[k] * p->curvature[k][other];
         line[k][k] = PAST_FRAC;
@@ -268,6 +269,7 @@ static Py_ssize_t with_row(double *basis, Py_ssize_t size, const double *row, Py
         return size;
     for (Py_ssize_t k = 0; k < modes; k++)
         unit[k] /= left;
+    leave(basis, size, unit, 1, modes);
     return size + 1;
 }
 
@@ -411,6 +413,7 @@ static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
     for (Py_ssize_t place = 0; place < p->fingers * p->points; place++)
         for (Py_ssize_t k = 0; k < p->modes; k++)
             p->across[k * p->room + place] = p->rows[place * p->modes + k];
+    p->keep = p->is_point && p->still == 0 ? 1.0 - RIDGE_FRAC * fmax(0.0, 1.0 - 2.0 * largest_of(p, p->w_um)) : 1.0;
     if (iterations > 0)
         leave_still(p, p->w_um);
     for (Py_ssize_t turn = 0; turn < iterations; turn++) {

@@ -100,7 +100,8 @@ def _solved_points(
     near = np.clip(near / top, -unit * FAR, unit * FAR) / unit
     fingers = array("d", [*wanted, *[1.0] * (7 * len(wanted))])
     starts = _starts(rows, wanted, near)
-    found = np.array([_descended(rows[:, None], fingers, box, start, OF_POINTS) for start in starts])
+    settled = [_descended(rows[:, None], fingers, box, start, OF_POINTS) for start in starts]
+    found = np.nan_to_num(settled)  # where the curvature of tiny shapes underflows
     errors = np.sum((np.abs(found @ rows.T) - wanted) ** 2, axis=1)
     best = found[errors <= errors.min() + EQUAL_ERROR * wanted @ wanted]
     norms = np.sum(best**2, axis=1)
