@@ -16,6 +16,7 @@ static const double ROUND_UM = 0.05;       /* of amplitude, about which |r| is r
 static const double MOST_LESS = 1.5;       /* of its decay: by how much a point is pulled towards 0 at most; outwards once */
 enum { SWEEPS = 4 };                       /* of an iteration */
 enum { COLD = 9 };                         /* times as many iterations from silence */
+enum { BRIEF = 100 };                      /* iterations; a longer descent is of a plate at rest, and has no ridge */
 static const double PAST_FRAC = 0.1;       /* 0.2 makes larger steps */
 static const double STAY_FRAC = 0.03;      /* of the mean curvature: keeps W where directions are nearly equal */
 static const double RIDGE_FRAC = 0.3;      /* of what keeps W, drawn to 0 where it is within half of the limits */
@@ -413,7 +414,8 @@ static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
     for (Py_ssize_t place = 0; place < p->fingers * p->points; place++)
         for (Py_ssize_t k = 0; k < p->modes; k++)
             p->across[k * p->room + place] = p->rows[place * p->modes + k];
-    p->keep = p->is_point && p->still == 0 ? 1.0 - RIDGE_FRAC * fmax(0.0, 1.0 - 2.0 * largest_of(p, p->w_um)) : 1.0;
+    const int has_ridge = p->is_point && p->still == 0 && iterations < BRIEF;
+    p->keep = has_ridge ? 1.0 - RIDGE_FRAC * fmax(0.0, 1.0 - 2.0 * largest_of(p, p->w_um)) : 1.0;
     if (iterations > 0)
         leave_still(p, p->w_um);
     for (Py_ssize_t turn = 0; turn < iterations; turn++) {
