@@ -15,7 +15,7 @@ from ..formats.toml_file import read_table
 from . import loader
 from .sections import PlateConfig
 
-CALIBRATION = Path("calibration")  # where `calibrate` writes unless told otherwise
+CALIBRATION = Path("calibration")  # where `calibrate` writes by default
 FILE = "hapticd.toml"
 SECTION = "person"
 
@@ -28,7 +28,7 @@ def folder_of(calibration: Path, name: str) -> Path:
 
 
 def find(name: str, plate: PlateConfig) -> tuple[PlateConfig, str]:
-    """Return what `load` does for a participant, whose folder is beside the plate's mode map; for no name the plate
+    """Return what `load` does for a participant, whose folder is in that of the plate's mode map; for no name the plate
     itself. Raises ConfigError."""
     if not name:
         return plate, ""

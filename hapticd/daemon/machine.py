@@ -96,7 +96,7 @@ class Machine:
         )
         self.session = self.board.session
         self._perception = self._perceived()
-        self.find_person: Callable[[str], tuple[PlateConfig, str]] = _find_nobody
+        self.find_person: Callable[[str], tuple[PlateConfig, str]] = _no_participants
         # A weak reference: a machine that another replaces is freed at once, without the garbage collector.
         self.clients = ClientGateway(
             self.scene, registry, self.pipeline, self.board, instance, weakref.proxy(self), self._observed
@@ -385,7 +385,7 @@ class Machine:
         return self.status.plate()
 
 
-def _find_nobody(_: str) -> tuple[PlateConfig, str]:
+def _no_participants(_: str) -> tuple[PlateConfig, str]:
     raise ConfigError("This plate has no participants.")
 
 

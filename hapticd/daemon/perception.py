@@ -45,7 +45,7 @@ class ErrorTally:
 
     def add(self, error_jnd: float, span_ns: int) -> None:
         self._sum_jnd_ns += error_jnd * span_ns
-        self._spans_ns[min(int(abs(error_jnd) / BIN_JND), BINS - 1)] += span_ns
+        self._spans_ns[int(min(abs(error_jnd) / BIN_JND, BINS - 1.0))] += span_ns
 
     def figures(self) -> dict[str, float]:
         """Return the fields of `Perceived` that are over time."""

@@ -2,11 +2,11 @@
 
 A plate that arrives is not the plate that was computed: its modes lie elsewhere and in another order. Of the sets of as
 many modes as there are patches, those that the patches move most are compared by the share of random places at which
-every contact is felt as asked (`felt_places`), each at the drive that takes least volts, the best at drives beside it.
+every contact is felt as asked (`felt_places`), each at the drive that takes least volts, the best at drives near.
 
 Modes that stay undriven move all the same: patches push them, and fingers that brake the driven modes do. What patches
 do in phase is a share of each driven mode, wherever the fingers are: it is *compensated*, as it is added to that mode's
-shape, on which the daemon solves. The rest, in quadrature or by fingers, is motion that nobody asked for.
+shape, on which the daemon solves. The rest, in quadrature or by fingers, is unwanted motion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RADIUS_MM = 5.0  # of a fingertip's contact at 0.2 .. 1 N (50 .. 150 mm2)
 FARTHEST_HZ = 180.0  # of a driven mode from the drive: an amplifier reaches a sixth there; the firmware controls 300
 STEP_HZ = 25.0  # of the drives tried, less than a mode's bandwidth of 58 Hz
 SEED = 1
-FINGER_KG_S = 10.9  # decay that a finger adds to a mode, per square of its shape, times the plate's mass
+FINGER_KG_S = 10.9  # decay that a finger adds to a mode, per square of its shape, times the mass: 115 1/s on 95 g
 
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18)  # of the reach alone
 ALIKE_FRAC = 0.02  # of the places: of shares that differ by less the least is taken, which spares volts in motion

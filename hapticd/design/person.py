@@ -3,8 +3,8 @@
 The amplitude that feels like the reference is where friction, exp(-amplitude / decay), is the reference's. An answer
 depends on the difference of the logarithms, over noise of the person's own: at one Weber fraction three of four are
 right. In a share of lapses it is a guess. All three unknown, on a grid, after each answer (A. B. Watson, QUEST+,
-J. Vision 17 (2017) 3:10); the noise is logistic. Beside what answers leave, the interval has the reference's own error
-and a person's leaning to one side, which no answer shows.
+J. Vision 17 (2017) 3:10); the noise is logistic. The interval also has the reference's own error and a
+person's leaning to one side, which no answer shows.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 CSV has a header and one line per point, in any order: `x_mm,y_mm`, then for each mode k from 1 `phi_k`, or `re_k,im_k`,
 or `abs_k,deg_k`, or `lowered_hz_k`, the shift of the mode's frequency by a mass at the point. An empty value or
 `nan` is a missing one. Blank lines and lines that begin with # are skipped.
-NPZ holds a grid, `x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx), or `points_mm` (N, 2) and `readings` (N, M), beside
-which the arrays of `SweptModes` may be.
+NPZ holds a grid, `x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx), or `points_mm` (N, 2) and `readings` (N, M), and
+may also hold the arrays of `SweptModes`.
 
 A grid may lack points, which become NaN; positions within a micrometre of each other are one line of it. Files come
 from outside: no bytes raise anything but ModesError, whose sentence `read_grid` and `read_scan` prefix with the path.

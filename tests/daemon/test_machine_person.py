@@ -17,7 +17,7 @@ def find(name: str) -> tuple[PlateConfig, str]:
     return PERSONS[name]
 
 
-def test_a_person_changes_what_targets_and_surfaces_mean_at_once_and_an_unknown_name_nothing() -> None:
+def test_a_person_changes_targets_and_surfaces_at_once_an_unknown_name_nothing() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.machine.find_person = find
     bench.run(400)

@@ -34,7 +34,7 @@ class Control:
         deadline_s = time.monotonic() + timeout_s
         self._request_id = self._request_id % MAX_REQUEST_ID + 1
         if self._ready(zmq.POLLOUT, deadline_s):
-            with contextlib.suppress(zmq.Again):  # the daemon left since: nobody will answer
+            with contextlib.suppress(zmq.Again):  # the daemon left since: no reply will come
                 self._socket.send(encode_request(op, self._request_id, body), zmq.NOBLOCK)
         while self._ready(zmq.POLLIN, deadline_s):
             reply = read_reply(self._socket.recv(), self._request_id)

@@ -35,15 +35,12 @@ class _Held:
     t_expires_ns: int
     target: Content | None
     priority: int
-    texture: AmplitudeAt | None  # None without a target, and where it is the same all over:
-    even_um: float | None  # as much as this
+    texture: AmplitudeAt | float | None  # None without a target
     detail: Detail
     walk: Walk | None
 
 
-_UNHELD: Final = _Held(
-    "", t_expires_ns=0, target=None, priority=0, texture=None, even_um=None, detail=NO_DETAIL, walk=None
-)
+_UNHELD: Final = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, detail=NO_DETAIL, walk=None)
 
 
 class Scene:
@@ -129,7 +126,7 @@ class Scene:
         self.friction_curve = self._textures.curve = curve
         self.depends_on_speed = curve.speed_mm_s < math.inf
         for held in self._held.values():
-            held.texture = None if held.target is None else self._textures.amplitude(held.target)
+            held.texture = None if held.target is None else self._textures.of_target(held.target)
         self.surfaces.make_textures()
 
     # --- reading, for the touch path ---
@@ -163,8 +160,8 @@ class Scene:
 
     def amplitude_um(self, key: FingerKey, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
-        held = self._held.get(key, _UNHELD)
-        return held.even_um if held.texture is None else held.texture(x_mm, y_mm)
+        texture = self._held.get(key, _UNHELD).texture
+        return texture(x_mm, y_mm) if callable(texture) else texture
 
     def detail(self, key: FingerKey) -> Detail:
         """How finely a finger's texture must be sampled."""
@@ -239,14 +236,13 @@ class Scene:
     ) -> _Held:
         """Return the finger's new entry; what did not change is kept, so that a refreshed path keeps its phase."""
         before = self._held.get(key, _UNHELD)
-        texture, even_um, fine, walk = before.texture, before.even_um, before.detail, before.walk
+        texture, fine, walk = before.texture, before.detail, before.walk
         if target != before.target:
-            even_um = None if target is None else self._textures.even_um(target)
-            texture = None if target is None or even_um is not None else self._textures.amplitude(target)
+            texture = None if target is None else self._textures.of_target(target)
             fine = NO_DETAIL if target is None else detail(target, self._plate_size_mm)
         if path is None or walk is None or walk.path != path:
             walk = None if path is None else Walk(path, t_ns)
-        return _Held(message.client, t_ns + message.ttl_ns, target, priority, texture, even_um, fine, walk)
+        return _Held(message.client, t_ns + message.ttl_ns, target, priority, texture, fine, walk)
 
     def _in_force(self) -> list[Content]:
         """Return all targets and contents in force."""

@@ -68,13 +68,13 @@ class Textures:
             return at_rest
         return lambda x_mm, y_mm: min(at_rest(x_mm, y_mm) * self.speed_gain, self.w_limit_um)
 
-    def even_um(self, content: Content) -> float | None:
-        """Return the amplitude of content that is the same all over and at any speed; None for other content."""
+    def of_target(self, content: Content) -> AmplitudeAt | float:
+        """Return `amplitude` over the plate, in um where it is the same all over and at any speed."""
         if isinstance(content, Amplitude):
             return min(content.amplitude_um, self.w_limit_um)
         if isinstance(content, Friction) and self.curve.speed_mm_s == math.inf:
             return self._of_friction_um(content.friction)
-        return None
+        return self.amplitude(content)
 
     def _at_rest(self, content: Content, size_mm: tuple[float, float]) -> AmplitudeAt:
         if isinstance(content, Amplitude):

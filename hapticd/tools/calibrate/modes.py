@@ -51,7 +51,7 @@ RUNAWAY = 3.0  # times the largest readings: a larger map is extrapolated betwee
 TARGETS_UM = (1.0, 0.0)  # of the pairs for which the leak is estimated
 W_LIMIT_UM = 4.0
 PAIRS = 1000
-USUAL_KG_MM2 = 7.5e-6  # of 3 mm of glass: what fingers move undriven modes is small beside what patches do
+USUAL_KG_MM2 = 7.5e-6  # of 3 mm of glass: fingers move undriven modes little compared with patches
 SCAN_PT2 = 8  # area of a reading's mark in the picture
 
 

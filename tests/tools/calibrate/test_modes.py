@@ -96,7 +96,7 @@ def test_a_plate_of_four_modes_is_calibrated_for_its_contacts() -> None:
     assert folder.accepted(verdict) == verdict
 
 
-def test_of_a_scan_with_its_sweep_the_modes_that_the_amplifiers_move_are_used_the_others_compensated(
+def test_modes_that_amplifiers_move_are_used_and_the_others_are_compensated(
     tmp_path: Path,
 ) -> None:
     scan = simulated.scan(1, SimConfig(plate="fingertip", modes=4))
