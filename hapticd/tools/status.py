@@ -22,7 +22,7 @@ UNITS = {"ms": "ms", "um": "um", "hz": "Hz", "ppm": "ppm"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = f"{parser.description}. Exit code 1: none answers, or its output is disabled by a fault."
+    parser.description = f"{parser.description} Exit code 1: none answers, or its output is disabled by a fault."
     add_endpoint(parser)
     parser.add_argument("--json", action="store_true", help="print all of it as JSON")
     parser.set_defaults(command=_status)

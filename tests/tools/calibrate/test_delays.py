@@ -1,4 +1,4 @@
-"""Step 4: judgement of frames with known delays, and the settings derived from them."""
+"""Judgement of frames with known delays, and the settings derived from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step 5: a friction curve from noisy readings with outliers, and refusal of readings without one."""
+"""A friction curve from noisy readings with outliers, and refusal of readings without one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step 2: the fitted map, its expected leak, and the verdicts on unsound scans."""
+"""The fitted map, its expected leak, and the verdicts on unsound scans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Step 1: sweeps of the simulated plate against its ground truth, and the verdicts on sound and unsound ones."""
+"""Sweeps of the simulated plate against its ground truth, and the verdicts on sound and unsound ones."""
 
 from __future__ import annotations
 
