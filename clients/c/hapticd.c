@@ -9,6 +9,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <time.h>
+#include <unistd.h>
 #include <zmq.h>
 
 enum { MAX_BYTES = 65536, ITEM_BYTES = 512, NAME_BYTES = 129, ERROR_BYTES = 512, MAX_DEPTH = 16, REFRESHES = 3 };
@@ -601,17 +602,33 @@ static void *connected(hapticd *plate, int type, const char *socket_name) {
     return NULL;
 }
 
+static bool has_daemon(const char *directory) {
+    char control[sizeof((hapticd *)NULL)->directory + sizeof "/control"];
+    struct stat found;
+    snprintf(control, sizeof control, "%s/control", directory);
+    return stat(control, &found) == 0 && S_ISSOCK(found.st_mode);
+}
+
+/* In /tmp anybody may make a directory: only this user's alone is trusted. */
+static bool is_own(const char *directory) {
+    struct stat found;
+    return lstat(directory, &found) == 0 && S_ISDIR(found.st_mode) && found.st_uid == getuid() &&
+           (found.st_mode & (S_IWGRP | S_IWOTH)) == 0;
+}
+
 static void choose_directory(hapticd *plate, const char *given) {
     const char *own = getenv("HAPTICD_RUNTIME_DIR"), *session = getenv("XDG_RUNTIME_DIR");
-    struct stat found;
+    char *directory = plate->directory;
+    const size_t size = sizeof plate->directory;
     if (given == NULL && own != NULL && own[0] != 0) given = own;
     if (given != NULL) {
-        snprintf(plate->directory, sizeof plate->directory, "%s", given);
+        snprintf(directory, size, "%s", given);
         return;
     }
-    if (session != NULL) snprintf(plate->directory, sizeof plate->directory, "%s/hapticd", session);
-    if (session == NULL || stat(plate->directory, &found) != 0)
-        snprintf(plate->directory, sizeof plate->directory, "/run/hapticd");
+    snprintf(directory, size, "%s/hapticd", session == NULL ? "" : session);
+    if (session != NULL && has_daemon(directory)) return;
+    snprintf(directory, size, "/tmp/hapticd-%u", (unsigned)getuid());
+    if (!is_own(directory) || !has_daemon(directory)) snprintf(directory, size, "/run/hapticd");
 }
 
 hapticd *hapticd_open(const char *directory, const char *name, double timeout_s) {

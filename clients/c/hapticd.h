@@ -63,8 +63,9 @@ typedef struct {
     int z;
 } hapticd_surface;
 
-/* Connect to the daemon in a directory (NULL: $HAPTICD_RUNTIME_DIR, $XDG_RUNTIME_DIR/hapticd, /run/hapticd) and greet
- * it. Returns NULL without memory only; else ask hapticd_error. `name`: 1 .. 32 printable characters, unique. */
+/* Connect to the daemon in a directory (NULL: $HAPTICD_RUNTIME_DIR, else where one is of $XDG_RUNTIME_DIR/hapticd,
+ * /tmp/hapticd-UID and /run/hapticd) and greet it. Returns NULL without memory only; else ask hapticd_error.
+ * `name`: 1 .. 32 printable characters, unique. */
 hapticd *hapticd_open(const char *directory, const char *name, double timeout_s);
 
 /* Release everything and disconnect. Nothing for NULL. */

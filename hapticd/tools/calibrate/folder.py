@@ -140,7 +140,7 @@ def overview(directory: Path, *, is_simulated: bool = False) -> str:
     found = load(directory)
     lines = [f"Steps, in this order; results go to {directory} (--out):", ""]
     for place, (step, one) in enumerate(all_steps().items(), 1):
-        lines.append(f"{'Later:' if one.order is None else f'{place}.'} {step:<10} {one.summary}")
+        lines.append(f"{'Later:' if one.order is None else f'{place}.':>6} {step:<10} {one.summary}")
         if step in found:
             done = f"   done{' (simulated)' if found[step].is_simulated else ''}"
             lines.append(f"{done}: {found[step].outcome.name}: {found[step].sentence}")
