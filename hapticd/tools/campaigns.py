@@ -146,7 +146,7 @@ def _cluster(address: str) -> Iterator[tuple[Any, ...]]:
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         client.wait_for_workers(1, timeout=CONNECT_S)
-    except (OSError, ValueError, TypeError, OverflowError) as error:
+    except (OSError, ValueError, TypeError, OverflowError, MemoryError) as error:
         why = str(error).partition("\n")[0].rstrip(".")
         start = f"start `dask scheduler`, and `dask worker {address} --nthreads 1`"
         raise UsageError(f"--cluster: no scheduler with workers answers at {address} ({why}): {start}.") from None
