@@ -145,8 +145,9 @@ def overview(directory: Path, *, is_simulated: bool = False) -> str:
             done = f"   done{' (simulated)' if found[step].is_simulated else ''}"
             lines.append(f"{done}: {found[step].outcome.name}: {found[step].sentence}")
     if next_steps := left(found):
-        arguments = f"{'--sim ' if is_simulated else ''}--out {directory}"
-        lines += ["", f"Next: hapticd calibrate {next_steps[0]} {arguments}"]
+        arguments = f"{'--sim' if is_simulated else '--port /dev/ttyACM0'} --out {directory}"
+        example = arguments if is_simulated else all_steps()[next_steps[0]].example.replace("DIR", str(directory))
+        lines += ["", f"Next: hapticd calibrate {next_steps[0]} {example}"]
         lines += [f"All of them, in order: hapticd calibrate all {arguments}"]
     else:
         lines += ["", f"All steps are done: hapticd run --config {directory / CONFIG_FILE}"]

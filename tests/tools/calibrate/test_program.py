@@ -90,7 +90,7 @@ def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: p
     places = [output.index(f"{place}. {step}") for place, step in enumerate(in_order(), 1)]
     assert places == sorted(places)
     assert output.count("done (simulated)") == 12
-    for sim, given in ((["--sim"], "--sim "), ([], "")):
+    for sim, given in ((["--sim"], "--sim "), ([], "--port /dev/ttyACM0 ")):
         assert main(["calibrate", *sim, "--out", str(out / "none")]) == 0
         output = capsys.readouterr().out
         for step in ("supplies", "all"):
