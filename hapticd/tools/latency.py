@@ -40,9 +40,7 @@ TTL_NS = 500_000_000
 # Half of that, and the ledger's 512 lines take far longer to fill: polling counts as the daemon's processor time.
 POLL_EVERY_S = 0.25
 
-_FROM_MS, _DECADES, _COLUMNS_PER_DECADE = 0.001, 5, 10  # the picture's axis, logarithmic: 1 us .. 100 ms
-_BINS_PER_DECADE = 20  # of the picture
-_BARS = " ▁▂▃▄▅▆▇█"
+_FROM_MS, _DECADES, _BINS_PER_DECADE = 0.001, 5, 20  # the picture's axis, logarithmic: 1 us .. 100 ms
 
 STAGES = {  # along the way of a touch, then its sum, and what is to be compared with that
     "read_age": "sample to reading",
@@ -181,28 +179,15 @@ def figures(measured: MeasuredLatency) -> dict[str, object]:
 
 
 def print_table(measured: MeasuredLatency, out: TextIO) -> None:
-    """Print each stage's percentiles in ms and distribution on a logarithmic axis, then the counts."""
-    edges = [f"{_FROM_MS * 10**decade:g}" for decade in range(_DECADES)]
-    axis = "".join(f"{edge:<{_COLUMNS_PER_DECADE}}" for edge in edges)
-    print(f"{'ms':<20}{'p50':>8}{'p95':>8}{'p99':>8}{'max':>8}  {axis}100", file=out)
+    """Print each stage's percentiles in ms, then the counts."""
+    print(f"{'ms':<20}{'p50':>8}{'p95':>8}{'p99':>8}{'max':>8}", file=out)
     for name, what in STAGES.items():
         histogram = measured.stages[name]
         spans_ns = [*map(histogram.percentile_ns, (50, 95, 99)), histogram.longest_ns]
-        row = "".join(f"{span_ns * 1e-6:>8.3f}" for span_ns in spans_ns)
-        print(f"{what:<20}{row}  {sparkline(histogram)}".rstrip(), file=out)
+        print(f"{what:<20}" + "".join(f"{span_ns * 1e-6:>8.3f}" for span_ns in spans_ns), file=out)
     print(", ".join(f"{count} {what}" for what, count in measured.counts.items()), file=out)
     if math.isfinite(measured.processor_percent):
         print(f"{measured.processor_percent:.1f} % of one processor, all threads, since the first frame", file=out)
-
-
-def sparkline(histogram: Histogram) -> str:
-    """Return a distribution as bars over the table's axis; values beyond it count at its ends."""
-    columns = [0] * (_DECADES * _COLUMNS_PER_DECADE)
-    for from_ns, below_ns, count in histogram.buckets():
-        place = math.log10(max((from_ns + below_ns) * 0.5e-6 / _FROM_MS, 1.0)) * _COLUMNS_PER_DECADE
-        columns[min(int(place), len(columns) - 1)] += count
-    highest = max(columns)
-    return "".join(_BARS[-(-count * (len(_BARS) - 1) // highest)] if highest else " " for count in columns)
 
 
 def verdict(measured: MeasuredLatency) -> str:

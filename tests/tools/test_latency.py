@@ -47,20 +47,18 @@ def test_the_table_has_a_row_for_each_stage_with_its_figures(measured: MeasuredL
     out = io.StringIO()
     print_table(measured, out)
     head, *rows, counts = out.getvalue().splitlines()
-    assert head.split()[:5] == ["ms", "p50", "p95", "p99", "max"]
+    assert head.split() == ["ms", "p50", "p95", "p99", "max"]
     assert [row[:20].strip() for row in rows] == list(STAGES.values())
     horizon = next(row for row in rows if row.startswith(STAGES["horizon"]))
     assert float(horizon[20:28]) == pytest.approx(measured.stages["horizon"].percentile_ns(50) * 1e-6, abs=1e-3)
     assert counts.startswith(f"{measured.counts['frames']} frames, ")
 
 
-def test_the_figures_say_the_same_as_the_run(measured: MeasuredLatency, tmp_path: Path) -> None:
+def test_the_figures_say_the_same_as_the_run(measured: MeasuredLatency) -> None:
     plain = json.loads(json.dumps(figures(measured)))
     assert plain["stages"]["link"]["count"] == measured.stages["link"].count
     assert plain["counts"] == dict(measured.counts)
     assert plain["processor_percent"] is None
-    draw(measured, tmp_path / "latency.png")
-    assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_picture_has_the_verdict_as_title_and_a_row_for_each_stage(
@@ -86,11 +84,8 @@ def test_what_if_a_faster_pad_and_line_give_more_and_all_are_in_the_table(monkey
     slow, *_, fast = found.values()
     assert slow + 0.1 < fast
     latency_felt.print_table(found, out)
-    assert out.getvalue().splitlines()[-1].split() == [
-        "240",
-        "Hz",
-        *[f"{100 * share:.0f}" for share in found.values()][2:],
-    ]
+    cells = [f"{100 * share:.0f}" for share in found.values()][2:]
+    assert out.getvalue().splitlines()[-1].split() == ["240", "Hz", *cells]
     assert latency_felt.figures(found)[0] == {"report_hz": 60.0, "age_ms": 3.0, "link_ms": 5.0, "felt_frac": slow}
 
 
