@@ -53,8 +53,9 @@ def settings(sim: SimConfig) -> dict[str, dict[str, Any]]:
 
 
 def lines(sim: SimConfig) -> str:
-    """Return the lines of a configuration's [sim] table that name the simulated plate."""
-    return "\n".join(f"{name} = {toml(getattr(sim, name))}" for name in ("plate", "modes", "wiring"))
+    """Return the lines of a configuration's [sim] table that name the simulated plate and its fingers."""
+    names = ("plate", "modes", "wiring", "scenario", "seed")
+    return "\n".join(f"{name} = {toml(getattr(sim, name))}" for name in names)
 
 
 def chosen(options: argparse.Namespace, before: SimConfig | None = None, *, is_simulated: bool = True) -> SimConfig:

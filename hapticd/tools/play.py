@@ -11,6 +11,7 @@ import math
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import hapticd_client
@@ -52,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"end after so long (default: at its end; a picture never, with --sim after {PICTURE_S:g})",
     )
+    parser.add_argument("--participant", metavar="NAME", help="whose friction curve the plate has (default: as it is)")
     parser.add_argument("--sim", action="store_true", help="on a simulated plate, which two simulated fingers stroke")
     glass.add_arguments(parser)
     add_endpoint(parser)
@@ -69,7 +71,7 @@ def run(options: argparse.Namespace) -> None:
         raise UsageError(f"{error}") from None
     print(score.title, flush=True)
     try:
-        with _plate(options) as plate, _dropped():
+        with _dropped(), _plate(options) as plate:
             print(_play(score, plate, options))
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"{error}") from None
@@ -100,10 +102,10 @@ def _plate(options: argparse.Namespace) -> Iterator[Client]:
         endpoint, within_s = options.endpoint, ANSWER_S
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            plate = glass.lines(glass.chosen(options))
-            service = DaemonProcess(f'scenario = "{SCENARIO}"\n{plate}', log_level="error")
+            sim = replace(glass.chosen(options), scenario=SCENARIO)
+            service = DaemonProcess(glass.lines(sim), log_level="error")
             endpoint, within_s = held.enter_context(service).runtime_dir, SIMULATED_ANSWER_S
-        client = held.enter_context(Client(endpoint, timeout_s=within_s))
+        client = held.enter_context(Client(endpoint, timeout_s=within_s, person=options.participant))
         if options.sim:
             next(state for state in client.states(SIMULATED_ANSWER_S) if state.fingers)
         yield client

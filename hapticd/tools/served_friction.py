@@ -14,7 +14,4 @@ def served_curve(body: Mapping[str, Any]) -> FrictionCurve:
     if not knots:
         return DEFAULT_FRICTION_CURVE
     floor = float(knots[-1][1])
-    shares = [(float(friction) - floor) / (1.0 - floor) for _, friction in knots]
-    amplitudes_um = [float(amplitude_um) for amplitude_um, _ in knots]
-    inner = list(zip(shares[1:-1], amplitudes_um[1:-1], strict=True))[::-1]
-    return FrictionCurve(((0.0, amplitudes_um[-1]), *inner, (1.0, 0.0)), floor)
+    return FrictionCurve(tuple([((friction - floor) / (1.0 - floor), um) for um, friction in knots[::-1]]), floor)

@@ -12,7 +12,7 @@ import stat
 from functools import partial
 from pathlib import Path
 
-from ...errors import UsageError, missing_library
+from ...errors import UsageError
 from ...regular_file import opened, read_bounded
 from ...wire.osc import require_package
 from ..arguments import PORT_NUMBER, add_endpoint, runtime_directory
@@ -54,10 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Serve until SIGTERM or SIGINT. Raises HapticdError."""
-    try:
-        import aiohttp  # noqa: F401
-    except ImportError:
-        raise missing_library("The gateway needs aiohttp", "gateway") from None
     if options.osc is not None:
         require_package()
     for origin in options.origin:

@@ -44,13 +44,13 @@ _Publish = Callable[[str, str, "PagePlate | None"], None]
 class PagePlate:
     """The daemon's plate: its description for the page, the grid of its shapes, the folder of its rig."""
 
-    def __init__(self, body: Mapping[str, Any]) -> None:
+    def __init__(self, body: Mapping[str, Any], person: str = "") -> None:
         simulated = body.get("simulated")
         self.rig_dir = Path(simulated) if simulated and Path(simulated, "fingers").is_socket() else None
         size_mm = (float(body["size_mm"][0]), float(body["size_mm"][1]))
         self.grid = picture_grid(modes_of(body), size_mm)
         self.painter = SurfacePainter(served_curve(body), size_mm, max(map(float, body["w_limit_um"])))
-        self.text = messages.plate(body, _name(self.rig_dir))
+        self.text = messages.plate(body, _name(self.rig_dir), person)
 
 
 class PlateClient:
@@ -92,7 +92,7 @@ class PlateClient:
     def _follow(self, client: hapticd_client.Client, plate: PagePlate, subscriber: TruthSubscriber | None) -> None:
         t_frame_s = t_status_s = t_surfaces_s = -1.0
         instance: int | None = None
-        surfaces: int | None = None
+        surfaces, person = None, ""
         events: deque[hapticd_client.PlateEvent] = deque(maxlen=MAX_EVENTS)  # since the last frame
         for state in client.states(timeout_s=STATE_S):
             if self._ending.is_set() or (instance is not None and state.instance != instance):
@@ -109,8 +109,12 @@ class PlateClient:
                 t_surfaces_s, surfaces = t_now_s, state.surfaces_version
                 self._publish("surfaces", messages.surfaces(plate.painter.painted(client.surfaces())), None)
             if t_now_s - t_status_s >= STATUS_EVERY_S:
-                t_status_s = t_now_s
-                self._publish("status", messages.status(client.status()), None)
+                t_status_s, status = t_now_s, client.status()
+                if status.get("person", "") != person:  # and so another friction curve
+                    surfaces, person = None, status["person"]
+                    plate = PagePlate(client.plate(), person)
+                    self._publish("plate", plate.text, None)
+                self._publish("status", messages.status(status), None)
 
 
 def _name(rig_dir: Path | None) -> str | None:

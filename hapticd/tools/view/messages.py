@@ -88,8 +88,8 @@ def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] =
     )
 
 
-def plate(body: Mapping[str, Any], simulated: str | None) -> str:
-    """Return the plate's constants: sizes, limits, and the name of a simulated plate.
+def plate(body: Mapping[str, Any], simulated: str | None, person: str = "") -> str:
+    """Return the plate's constants: sizes, limits, the name of a simulated plate, and whose friction curve it has.
 
     The page can touch a simulated one. Contacts are drawn with `contact_radius_mm`; with `has_contacts` amplitudes
     count over them.
@@ -105,6 +105,7 @@ def plate(body: Mapping[str, Any], simulated: str | None) -> str:
             "has_contacts": contact_radius_mm > 0.0,
             "simulated": simulated is not None,
             "name": simulated or "",
+            "person": person,
             "friction_curve": [(um, curve.friction(um)) for _, um in reversed(curve.knots)],
         }
     )

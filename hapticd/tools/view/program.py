@@ -5,20 +5,14 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import os
 import signal
 import socket
 import sys
-import tempfile
-import webbrowser
-from collections.abc import Iterator
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 
-from ...config.keys import toml
 from ...config.sections import SimConfig
-from ...errors import HapticdError, UsageError, missing_library
+from ...errors import HapticdError, UsageError
 from ...sim.plate.glasses import driven_modes
 from ...sim.rig.process import watch
 from .. import glass, simulated_fingers
@@ -57,19 +51,13 @@ def run(options: argparse.Namespace) -> None:
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
             sim = _simulated(options)
-            lines = {"plate": sim.plate, "modes": sim.modes, "wiring": sim.wiring, "scenario": sim.scenario}
-            table = "\n".join(f"{name} = {toml(value)}" for name, value in (lines | {"seed": sim.seed}).items())
-            service = stack.enter_context(DaemonProcess(table))
+            service = stack.enter_context(DaemonProcess(glass.lines(sim)))
             endpoint = str(service.runtime_dir)
             starting = f"{Path(sim.plate).name} plate, {driven_modes(sim.plate, sim.modes)} modes"
         asyncio.run(_serve(listener, endpoint, service, starting, open_browser=not options.no_browser))
 
 
 def _check(options: argparse.Namespace) -> None:
-    try:
-        import aiohttp  # noqa: F401
-    except ImportError:
-        raise missing_library("The page needs aiohttp", "view") from None
     if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
     _simulated(options)
@@ -85,7 +73,7 @@ def _simulated(options: argparse.Namespace) -> SimConfig:
 async def _serve(
     listener: socket.socket, endpoint: str | None, service: DaemonProcess | None, starting: str, *, open_browser: bool
 ) -> None:
-    from ..web.serving import ended_by_signal, served
+    from ..web.serving import ended_by_signal, in_browser, served
     from .server import Viewer
 
     viewer, ended = Viewer(endpoint, starting=starting), ended_by_signal()
@@ -100,27 +88,7 @@ async def _serve(
             watch(service.process, end)
         address = f"http://{HOST}:{listener.getsockname()[1]}/?key={viewer.key}"
         print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
-        with contextlib.ExitStack() as stack:
-            if open_browser and has_screen():
-                await asyncio.to_thread(webbrowser.open, stack.enter_context(_private_link(address)))
+        async with in_browser(address, is_wanted=open_browser):
             await ended.wait()
         if service_ended.is_set():
             raise HapticdError("The service of the simulated plate has ended: start this command again.")
-
-
-@contextlib.contextmanager
-def _private_link(address: str) -> Iterator[str]:
-    """Address of a file that leads to `address`, readable by this user only.
-
-    Each user of the computer can read a browser's command line, so it must not hold the key.
-    """
-    with tempfile.TemporaryDirectory(prefix="hapticd-view-") as folder:
-        file = Path(folder, "open.html")
-        file.touch(mode=0o600)
-        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={escape(address)}">\n')
-        yield file.as_uri()
-
-
-def has_screen() -> bool:
-    """Return whether there is a screen; without one, `webbrowser` could open a text browser in this terminal."""
-    return sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

@@ -1,13 +1,19 @@
-"""Serving an application on the running loop."""
+"""Serving an application on the running loop, and opening its page."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import signal
 import socket
+import sys
+import tempfile
+import webbrowser
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from html import escape
+from pathlib import Path
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
@@ -15,6 +21,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from ...errors import HapticdError
 
 END_WITHIN_S = 1.0
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 def bound(host: str, port: int) -> socket.socket:
@@ -51,3 +58,21 @@ def ended_by_signal() -> asyncio.Event:
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, ended.set)
     return ended
+
+
+@asynccontextmanager
+async def in_browser(address: str, *, is_wanted: bool = True) -> AsyncIterator[None]:
+    """Context of a page that a browser is asked to open; not without a screen, where it could be one of the terminal.
+
+    The browser gets a file that leads to `address`, readable by this user only: every user of the computer can read a
+    command line, so it must not hold the key.
+    """
+    if not is_wanted or not (sys.platform == "darwin" or any(map(os.environ.get, SCREENS))):
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="hapticd-page-") as folder:
+        file = Path(folder, "open.html")
+        file.touch(mode=0o600)
+        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={escape(address)}">\n')
+        await asyncio.to_thread(webbrowser.open, file.as_uri())
+        yield

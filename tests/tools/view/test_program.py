@@ -42,6 +42,8 @@ def test_a_port_in_use_and_a_missing_library_are_one_sentence(
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["view", "--no-browser", "--port", str(taken.getsockname()[1])]) == 1
     assert "choose another with --port" in capsys.readouterr().err
+    for name in [one for one in sys.modules if one.startswith("hapticd.tools.web")]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     assert main(["view", "--no-browser"]) == 1
     assert f"run `{sys.executable} -m pip install 'aiohttp>=" in capsys.readouterr().err

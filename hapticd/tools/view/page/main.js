@@ -74,11 +74,12 @@ const link = new Link({
     const shapes = await link.shapes();
     if (plate !== message) return;
     picture.field = new Field(shapes, message.size_mm, message.w_limit_um);
-    const { name, modes, has_contacts, contact_radius_mm } = message;
+    const { name, person, modes, has_contacts, contact_radius_mm } = message;
     picture.radius_mm = contact_radius_mm;
     picture.least_friction = curve.at(1);
     const contacts = has_contacts ? `, contacts of ${contact_radius_mm} mm` : "";
-    write($("what"), `${name.split("/").at(-1)} plate, ${modes} modes${contacts}`.trim());
+    const whose = person ? `, for ${person}` : "";
+    write($("what"), `${name.split("/").at(-1)} plate, ${modes} modes${contacts}${whose}`.trim());
     hands.allow(message.simulated ? message.size_mm : null);
     writeHints();
     $("new-box").hidden = !message.simulated;
