@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from aiohttp import ClientSession, WSCloseCode, WSServerHandshakeError
+from aiohttp import ClientSession, WSServerHandshakeError
 from asynchronous import asynchronous, until
 from clients.fake_daemon import FakeDaemon
 from webclients import KEY, ORIGIN, gateway, programs
 
 from hapticd.tools.gateway import peer
-from hapticd.tools.gateway.server import MAX_PEERS
 
 TARGET = {"finger": 1, "friction": 0.2}
 VIRTUALS = [{"name": "a", "path_mm": [[0, 0]]}]
@@ -122,10 +121,3 @@ async def test_requests_beyond_those_that_may_wait_are_refused(tmp_path: Path) -
             await program.send(id=number, op="hello")
         refused = await program.next()
         assert (refused["id"], "wait already" in refused["error"]) == (peer.MAX_REQUESTS + 2, True)
-
-
-@asynchronous
-async def test_more_connections_than_the_daemon_grants_are_told_so(tmp_path: Path) -> None:
-    async with programs(tmp_path, MAX_PEERS + 1) as opened:
-        await opened[-1].socket.receive()
-        assert opened[-1].socket.close_code == WSCloseCode.TRY_AGAIN_LATER

@@ -34,13 +34,7 @@ def page_of(browser: Chrome, view: View, window: str) -> Page:
 def test_the_whole_toolbar_is_in_view(browser: Chrome, view: View, window: str) -> None:
     page = page_of(browser, view, window)
     page.until(lambda: page["what"].text == FINGERTIP)
-    for name in (
-        "tool",
-        "content",
-        "erase",
-        "record",
-        "help",
-    ):
+    for name in ("tool", "content", "erase", "record", "help"):
         assert page[name].is_displayed()
         place = page[name].rect
         assert 0 <= place["x"] < place["x"] + place["width"] <= WINDOWS[window][0]

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from hapticd.tools.served_friction import served_curve
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.tools.view import messages
 from hapticd.tools.view.surfaces import SIDE, SurfacePainter
 
@@ -27,12 +26,8 @@ def test_a_layer_is_painted_with_its_shape_pose_motion_and_owner() -> None:
     (layer,) = painted({"client": "study", **TILE, **moving})
     assert (layer["client"], layer["name"], layer["about"], layer["amplitude_um"]) == ("study", "tile", "1.50 µm", 1.5)
     assert (layer["shape"], layer["position_mm"], layer["t_pose_s"]) == ({"radius_mm": 8.0}, [3.0, -4.0], 2.5)
-    assert (layer["velocity_mm_s"], layer["turning_rad_s"], layer["z"], layer["blend"]) == (
-        [20.0, 0.0],
-        1.0,
-        100,
-        "add",
-    )
+    assert (layer["velocity_mm_s"], layer["turning_rad_s"]) == ([20.0, 0.0], 1.0)
+    assert (layer["z"], layer["blend"]) == (100, "add")
 
 
 def test_content_that_varies_is_a_picture_over_the_layer_s_box() -> None:
@@ -44,13 +39,3 @@ def test_content_that_varies_is_a_picture_over_the_layer_s_box() -> None:
     assert (layer["box_mm"], layer["most_um"], len(levels)) == ([40.0, 18.0], 1.2, SIDE * SIDE)
     row = levels[:SIDE]
     assert row == levels[-SIDE:] == bytes(SIDE // 4) + b"\xff" * (SIDE // 2) + bytes(SIDE // 4)
-
-
-def test_the_daemon_s_friction_curve_is_the_one_that_paints() -> None:
-    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2)
-    knots = [[um, curve.friction(um)] for um in (0.0, 0.4, 0.9, 2.0)]
-    same = served_curve({"friction_curve": knots})
-    assert [same.amplitude_um(share) for share in (0.0, 0.2, 0.7)] == pytest.approx(
-        [curve.amplitude_um(share) for share in (0.0, 0.2, 0.7)]
-    )
-    assert served_curve({}) is DEFAULT_FRICTION_CURVE
