@@ -16,7 +16,7 @@ import pins
 import simulate
 
 from hapticd.design.glued_plate import Patch
-from hapticd.design.patch_load import patch_load
+from hapticd.design.patch_reach import patch_load
 
 TEXT, PICTURE = netlist.HERE.parent / "HARDWARE.md", netlist.HERE / "schematic.svg"
 DRIVE_HZ = 29375.0  # of the bare fingertip plate: its patches take 50 Hz off

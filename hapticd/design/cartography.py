@@ -20,6 +20,7 @@ Source of the equation: A. W. Leissa, Vibration of Plates (NASA SP-160), ch. 1.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,13 +31,10 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ModesError
 from hapticd.values import FloatArray
 
-from .checks import MIN_LINES, require_grid, require_scan, require_size
-from .free_fit import FreeFit, FreePlateModes
-from .pose import NOMINAL, Pose
-from .readings import InPhase, Readings, in_phase, numbers, outliers
+from .free_fit import NOMINAL, FreeFit, FreePlateModes, Pose
+from .readings import MIN_LINES, InPhase, Readings, in_phase, outliers, require_scan
 from .smoothing import PlateBasis, ScatteredData, Smoothed, third_derivatives
-from .wave_number import FitStart, plate_wave, scattered, wave_number
-from .wave_number import start as _start
+from .wave_number import plate_wave, scattered, start, wave_number
 
 REFERENCE_SIZE_MM = (137.5, 137.5)
 FITS = ("best", "plate_equation", "free_plate")
@@ -81,32 +79,6 @@ class CartographyFit:
     free_plate_rms: FloatArray
 
 
-def fit_cartography(
-    x_mm: npt.ArrayLike,
-    y_mm: npt.ArrayLike,
-    shapes: npt.ArrayLike,
-    *,
-    size_mm: tuple[float, float] = REFERENCE_SIZE_MM,
-    normalise: bool = True,
-    by: str = "best",
-) -> CartographyFit:
-    """Fit measured `shapes` (M, ny, nx), real or complex, on the grid `x_mm` (nx,), `y_mm` (ny,); NaN is a lost point.
-
-    A point lost in one mode is left out in all. The map covers the whole plate of `size_mm` in steps of at most
-    _STEP_MM. `normalise` scales every shape to a peak of 1 over the plate. That peak lies at an edge or a corner,
-    where noise is averaged least: give False for readings that were divided by the modal amplitude measured during the
-    scan. `by` selects one of `FITS`; "best" has the smaller cross-validated error.
-    Raises ModesError for data that does not describe mode shapes on this plate, ValueError for an invalid size or an
-    unknown fit.
-    """
-    x, y = np.asarray(x_mm, np.float64), np.asarray(y_mm, np.float64)
-    data = numbers(shapes)
-    require_size(size_mm)
-    require_grid(x, y, data)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    return _fitted(points, data.reshape(len(data), -1).T, (x.size, y.size), size_mm, normalise, by)
-
-
 def fit_scan(
     points_mm: npt.ArrayLike,
     readings: npt.ArrayLike,
@@ -115,44 +87,41 @@ def fit_scan(
     normalise: bool = True,
     by: str = "best",
 ) -> CartographyFit:
-    """Fit `readings` (N, M), real or complex, at `points_mm` (N, 2) anywhere on the plate, in any order.
+    """Fit `readings` (N, M), real or complex, at `points_mm` (N, 2) anywhere on the plate, in any order; NaN is a lost
+    one: a point lost in one mode is left out in all.
 
-    Needs at least 64 points, three to a wavelength in either direction; the rest as in `fit_cartography`.
+    Needs at least 64 points, three to a wavelength in either direction. The map covers the whole plate of `size_mm` in
+    steps of at most _STEP_MM. `normalise` scales every shape to a peak of 1 over the plate. That peak lies at an edge
+    or a corner, where noise is averaged least: give False for readings that were divided by the modal amplitude
+    measured during the scan. `by` selects one of `FITS`; "best" has the smaller cross-validated error.
+    Raises ModesError for data that does not describe mode shapes on this plate, ValueError for an invalid size or an
+    unknown fit.
     """
-    points, data = np.asarray(points_mm, np.float64), numbers(readings)
+    points, given = np.asarray(points_mm, np.float64), np.asarray(readings)
+    data: Readings = given.astype(np.complex128) if np.iscomplexobj(given) else given.astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or data.ndim != 2 or len(points) != len(data):
         raise ModesError(
             f"points and readings are {points.shape} and {data.shape}; give (N, 2) and (N, modes), a row per point."
         )
-    require_size(size_mm)
+    if not all(0.0 < edge_mm < math.inf for edge_mm in size_mm):
+        raise ValueError(f"size_mm is {size_mm}; give the plate's width and depth in mm.")
     lines = [round(math.sqrt(len(points) * edge / other)) for edge, other in (size_mm, size_mm[::-1])]
-    return _fitted(points, data, (lines[0], lines[1]), size_mm, normalise, by)
-
-
-def _fitted(
-    points_mm: FloatArray,
-    readings: Readings,
-    lines: tuple[int, int],
-    size_mm: tuple[float, float],
-    normalise: bool,
-    by: str,
-) -> CartographyFit:
     if by not in FITS:
         raise ValueError(f"there is no fit by {by!r}; give one of {', '.join(FITS)}.")
-    require_scan(points_mm, readings, lines, size_mm)
-    whole = np.isfinite(readings).all(axis=1)
-    start = _start(points_mm[whole], readings[whole], lines, size_mm)
-    kept, best = _without_outliers(start, points_mm[whole], readings[whole], by)
+    require_scan(points, data, (lines[0], lines[1]), size_mm)
+    whole = np.isfinite(data).all(axis=1)
+    begin = start(points[whole], data[whole], (lines[0], lines[1]), size_mm)
+    kept, best = _without_outliers(*begin, points[whole], data[whole], by)
     fit = best.fit
 
     map_x_mm, map_y_mm = map_axis(size_mm[0]), map_axis(size_mm[1])
-    peak = np.ones(readings.shape[1])
+    peak = np.ones(data.shape[1])
     if normalise:
         fine_x_mm, fine_y_mm = (map_axis(edge_mm, _STEP_MM / _FINER) for edge_mm in size_mm)
-        peak = np.abs(best.surfaces.on_grid(fit.coefficients, fine_x_mm, fine_y_mm)).max(axis=(1, 2))
+        peak = np.abs(best.on_grid(fit.coefficients, fine_x_mm, fine_y_mm)).max(axis=(1, 2))
         if not (peak > 0.0).all():
             raise ModesError("a fitted shape is zero everywhere; spread the points over the plate.")
-    shapes = best.surfaces.on_grid(fit.coefficients / peak, map_x_mm, map_y_mm)
+    shapes = best.on_grid(fit.coefficients / peak, map_x_mm, map_y_mm)
     return CartographyFit(
         modes=ModeShapes.from_grid(map_x_mm, map_y_mm, shapes),
         residual_rms=fit.residual_rms / peak,
@@ -163,42 +132,32 @@ def _fitted(
         wavelength_mm=2.0 * math.pi / best.wave_rad_mm,
         scale=peak * np.exp(1j * kept.phase_rad),
         across_rms=kept.across_rms / peak,
-        by="plate_equation" if isinstance(best.surfaces, PlateBasis) else "free_plate",
+        by=best.by,
         pose=best.pose,
         left_out=int(whole.sum()) - len(kept.values),
         free_plate_rms=best.free_plate_rms / peak,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _CorrectedModes:
-    """Free-plate modes, and polynomials for what they lack; coefficients (modes + products, M) have both."""
-
-    free: FreePlateModes
-    basis: PlateBasis
-
-    def on_grid(self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
-        """Return the surfaces on a grid: (M, ny, nx)."""
-        of_free, lacking = np.split(coefficients, [len(self.free)])
-        return self.free.on_grid(of_free, x_mm, y_mm) + self.basis.on_grid(lacking, x_mm, y_mm)
-
-
 class _Best(NamedTuple):
-    """The selected fit, the basis of its coefficients, the wave number, the scan's pose, and the residual (M,) before
-    what free-plate modes lack was added, NaN where nothing was."""
+    """The selected fit and what it is by, its surfaces (M, ny, nx) on a grid, the wave number, the scan's pose, and the
+    residual (M,) before what free-plate modes lack was added, NaN where nothing was."""
 
-    surfaces: PlateBasis | FreePlateModes | _CorrectedModes
+    by: str
+    on_grid: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
     fit: Smoothed
     wave_rad_mm: float
     pose: Pose
     free_plate_rms: FloatArray
 
 
-def _without_outliers(start: FitStart, points_mm: FloatArray, readings: Readings, by: str) -> tuple[InPhase, _Best]:
+def _without_outliers(
+    basis: PlateBasis, known_rad_mm: float | None, points_mm: FloatArray, readings: Readings, by: str
+) -> tuple[InPhase, _Best]:
     """Return the readings without outliers, and their fit."""
     for _ in range(_MOST_ROUNDS):
         aligned = in_phase(readings)
-        best = _fit(start, points_mm, aligned.values, by)
+        best = _fit(basis, known_rad_mm, points_mm, aligned.values, by)
         lost = outliers(aligned.values, best.fit.residual)
         if not lost.any():
             break
@@ -208,35 +167,31 @@ def _without_outliers(start: FitStart, points_mm: FloatArray, readings: Readings
     return aligned, best
 
 
-def _fit(start: FitStart, points_mm: FloatArray, values: FloatArray, by: str) -> _Best:
+def _fit(basis: PlateBasis, known_rad_mm: float | None, points_mm: FloatArray, values: FloatArray, by: str) -> _Best:
     """Return the fit named `by`; "best" is the one with the smaller prediction error."""
-    basis = start.basis
     scan = scattered(basis, points_mm, values)
-    wave_rad_mm = wave_number(basis, scan) if start.wave_rad_mm is None else start.wave_rad_mm
+    wave_rad_mm = wave_number(basis, scan) if known_rad_mm is None else known_rad_mm
     found, noise_rms, nothing = [], None, np.full(values.shape[1], math.nan)
     if by != "free_plate":
         smooth = scan.smooth(plate_wave(basis, wave_rad_mm))
-        found.append(_Best(basis, smooth, wave_rad_mm, NOMINAL, nothing))
+        found.append(_Best("plate_equation", basis.on_grid, smooth, wave_rad_mm, NOMINAL, nothing))
         noise_rms = smooth.noise_rms
     if by != "plate_equation" and (free := _free_plate_modes(basis, wave_rad_mm, len(values))) is not None:
         fit = free.fit(points_mm, values)
-        found.append(_Best(free, fit.fit, wave_rad_mm, fit.pose, nothing))
-        if _is_lacking(fit, noise_rms) and (more := _corrected(basis, wave_rad_mm, free, fit, points_mm)) is not None:
-            found.append(_Best(*more, wave_rad_mm, fit.pose, fit.fit.residual_rms))
+        found.append(_Best("free_plate", free.on_grid, fit.fit, wave_rad_mm, fit.pose, nothing))
+        may_lack = noise_rms is None or (fit.fit.noise_rms**2).sum() > _MORE_THAN_NOISE**2 * (noise_rms**2).sum()
+        if may_lack and (more := _corrected(basis, wave_rad_mm, free, fit, points_mm)) is not None:
+            found.append(_Best("free_plate", *more, wave_rad_mm, fit.pose, fit.fit.residual_rms))
     if not found:
         raise ModesError("theory has no usable free-plate modes for this scan; fit it by the plate equation.")
     return min(found, key=lambda one: float((one.fit.prediction_rms**2).sum()))
 
 
-def _is_lacking(found: FreeFit, noise_rms: FloatArray | None) -> bool:
-    """Whether free-plate modes may lack something: they leave more than the noise, if that is known."""
-    return noise_rms is None or bool((found.fit.noise_rms**2).sum() > _MORE_THAN_NOISE**2 * (noise_rms**2).sum())
-
-
 def _corrected(
     basis: PlateBasis, wave_rad_mm: float, modes: FreePlateModes, found: FreeFit, points_mm: FloatArray
-) -> tuple[_CorrectedModes, Smoothed] | None:
-    """Return the fit with what the free-plate modes lack at `points_mm` (N, 2); None if cross validation finds nothing.
+) -> tuple[Callable[[FloatArray, FloatArray, FloatArray], FloatArray], Smoothed] | None:
+    """Return surfaces and fit with what the free-plate modes lack at `points_mm` (N, 2); None if cross validation finds
+    nothing.
 
     Glue, patches and supports add waves that a free plate has not. The residual is smoothed by polynomials over the
     plate, with a penalty on their mean square and on third derivatives in units of the plate's own wave number: waves
@@ -254,7 +209,12 @@ def _corrected(
     coefficients = np.concatenate((found.fit.coefficients, lacking.coefficients))
     both = Smoothed(coefficients, found.fit.freedom + lacking.freedom, lacking.residual)
     before, after = (float((one.prediction_rms**2).sum()) for one in (found.fit, both))
-    return (_CorrectedModes(modes, basis), both) if after < (1.0 - _LEAST_FALL) ** 2 * before else None
+
+    def on_grid(coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+        of_free, lacking = np.split(coefficients, [len(modes)])
+        return modes.on_grid(of_free, x_mm, y_mm) + basis.on_grid(lacking, x_mm, y_mm)
+
+    return (on_grid, both) if after < (1.0 - _LEAST_FALL) ** 2 * before else None
 
 
 def _free_plate_modes(basis: PlateBasis, wave_rad_mm: float, points: int) -> FreePlateModes | None:
@@ -267,6 +227,11 @@ def _free_plate_modes(basis: PlateBasis, wave_rad_mm: float, points: int) -> Fre
     except ValueError:
         return None
     return modes if 0 < len(modes) < points // 4 else None
+
+
+def compensated(driven: FloatArray, undriven: FloatArray, pushed: FloatArray) -> FloatArray:
+    """Return the shapes (M, ny, nx) of driven modes, each with its share of the K others, `pushed` (K, M)."""
+    return np.asarray(driven + np.tensordot(pushed.T, undriven, 1))
 
 
 def map_axis(edge_mm: float, step_mm: float = _STEP_MM) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from ..values import ComplexArray
-from .parasitic_fit import CLEAN, ParasiticPoles, basis, relocated
+from .parasitic_fit import CLEAN, ParasiticPoles, relocated, residues_of
 from .wiring import AmplifierSweep, MeasuredWiring
 
 POLES: Final = 8  # to begin with
@@ -38,33 +38,21 @@ def with_far_modes(found: MeasuredWiring, sweeps: Sequence[AmplifierSweep], most
         own_hz = np.concatenate([sweep.frequency_hz for sweep in own])
         at = np.asarray(2j * math.pi * (own_hz - found.centre_hz), np.complex128)
         s.append(at / unit)
-        y.append(np.concatenate([sweep.response_um_per_v for sweep in own]) - _shown(found, driven, at, k))
+        shown = (found.drives[:, k] / (at[:, None] - driven)) @ found.senses.T
+        y.append(np.concatenate([sweep.response_um_per_v for sweep in own]) - shown)
     start = np.asarray(-WIDTH + 1j * np.linspace(-REACH, REACH, POLES), np.complex128)
     least = CLEAN * max(float(np.abs(sweep.response_um_per_v).max()) for sweep in sweeps)
     poles = relocated(s, y, start)
     is_other = np.abs(unit * poles[:, None] - driven).min(axis=1) > -driven.real.max()  # no rest of a driven mode
     poles = _clearest(s, y, poles[is_other], least)[:most]
-    residues, constant = _fitted(s, y, poles)
+    residues, constant = residues_of(s, y, poles)
     parasitic = ParasiticPoles(unit * poles, unit * residues)
     return replace(found, parasitic=parasitic, background_um_per_v=constant)
 
 
-def _shown(found: MeasuredWiring, poles: ComplexArray, s: ComplexArray, amplifier: int) -> ComplexArray:
-    """Return what the sensors show of the driven modes per volt (n, sensors)."""
-    return np.asarray((found.drives[:, amplifier] / (s[:, None] - poles)) @ found.senses.T)
-
-
-def _fitted(
-    s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """Return the poles' residues (E, sensors, amplifiers), and what is constant (sensors, amplifiers)."""
-    solved = np.array([np.linalg.lstsq(basis(at, poles), one)[0] for at, one in zip(s, y, strict=True)])
-    return solved[:, :-1].transpose(1, 2, 0), solved[:, -1].T
-
-
 def _clearest(s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray, least: float) -> ComplexArray:
     """Return the poles that are modes, of which a sensor shows `least` or more, the clearest first."""
-    residues, constant = _fitted(s, y, poles)
+    residues, constant = residues_of(s, y, poles)
     shown = np.zeros(len(poles))
     left = []
     for k, (at, one) in enumerate(zip(s, y, strict=True)):

@@ -8,6 +8,7 @@ points than the solver's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,7 +19,7 @@ from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.contact import SOLVED_DISC
 from hapticd.core.solver.felt_descent import COLD, descend
 from hapticd.core.solver.instant import ITERATIONS, finger_table
-from hapticd.values import WEBER_FRAC, ComplexArray, FloatArray
+from hapticd.values import WEBER_FRAC, ComplexArray, FloatArray, OnProgress
 
 from .contact_pairs import ShapeMaps, disc, random_fingers
 
@@ -26,6 +27,7 @@ FINE = (6, 20)  # radii and angles of the judgement: |w| has kinks, where contac
 STARTS = 4  # eight find 0 .. 2 % more places
 ENOUGH_JND = 1.0
 _AT_REST = np.zeros(1)
+_BLOCK = 200  # places of a map that are solved at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,3 +117,50 @@ def _descended(
         found, _ = descend(phi.tobytes(), weights, fingers, curve.table, limits, start, iterations, np.inf)
         modal_um.append(found)
     return np.array(modal_um).reshape(len(solved), -1)
+
+
+@dataclass(frozen=True, slots=True)
+class FeltMap:
+    """Errors of all fingers (N + 1, ny, nx), in just noticeable differences, with another finger at each cell's centre,
+    the last one; stickier than asked is positive."""
+
+    x_mm: FloatArray
+    y_mm: FloatArray
+    errors_jnd: FloatArray
+
+    @property
+    def largest_jnd(self) -> FloatArray:
+        """The error of the finger that is served worst, (ny, nx)."""
+        return np.asarray(np.abs(self.errors_jnd).max(axis=0))
+
+    @property
+    def felt_frac(self) -> float:
+        """The share of places where every finger feels what was asked, within one just noticeable difference."""
+        return float(np.mean(self.largest_jnd <= ENOUGH_JND))
+
+
+def felt_map(
+    shapes: ShapeMaps,
+    fingers_mm: Sequence[tuple[float, float]],
+    frictions: Sequence[float],
+    limits_um: Sequence[float],
+    curve: FrictionCurve,
+    *,
+    radius_mm: float,
+    size_mm: tuple[float, float],
+    cells: int,
+    progress: OnProgress = lambda _: None,
+) -> FeltMap:
+    """Return the map of cells x cells that tile the plate; `frictions` (N + 1,), 0 .. 1, are asked of the fingers, the
+    other one last."""
+    x_mm, y_mm = (edge_mm * ((np.arange(cells) + 0.5) / cells - 0.5) for edge_mm in size_mm)
+    points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    given_mm = np.broadcast_to(np.array(fingers_mm, np.float64), (len(points_mm), len(fingers_mm), 2))
+    places_mm = np.concatenate((given_mm, points_mm[:, None, :]), axis=1)
+    targets_um = [curve.amplitude_um(friction) for friction in frictions]
+    blocks, solved = np.array_split(places_mm, math.ceil(len(places_mm) / _BLOCK)), []
+    for done, block_mm in enumerate(blocks):
+        progress(done / len(blocks))
+        _, errors_jnd = settle_felt(touches_at(shapes, block_mm, radius_mm), targets_um, limits_um, curve=curve)
+        solved.append(errors_jnd)
+    return FeltMap(x_mm, y_mm, np.concatenate(solved).T.reshape(-1, cells, cells))

@@ -1,6 +1,6 @@
 """Natural modes of a free rectangular plate, bare or with patches on one face.
 
-The energies of `section` are written in tensor products of `line_basis`, with nodes at the edges of plate and patches,
+The energies of `section` are written in tensor products of its functions, with nodes at the edges of plate and patches,
 where strains jump; free edges are natural to the method and need no condition (W. Ritz, Annalen der Physik 333 (1909)
 737). Even and odd functions do not mix on a bare plate, so each of its four symmetry classes is a problem of its own;
 of patches on one face all motion is coupled.
@@ -20,10 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..values import FloatArray
-from .line_basis import LineBasis, line_basis
+from . import section
 from .materials import Material
 from .mode_shape import ModeShape, mode_shape
-from .section import ALONG_X, ALONG_Y, DEFLECTION, FIELDS, TURN_X, TURN_Y, Bases, Lamina, mass, stiffness, wave_rad_mm
+from .section import ALONG_X, ALONG_Y, DEFLECTION, FIELDS, TURN_X, TURN_Y, Bases, Lamina, LineBasis, wave_rad_mm
 
 PZT = Material(62.0, 0.34, 7800.0, "PI Ceramic, PIC255")
 BENDING, IN_PLANE = (DEFLECTION, TURN_X, TURN_Y), (ALONG_X, ALONG_Y)
@@ -120,7 +120,7 @@ def _solved(
         ends_mm = [middle_mm + side * half_mm for middle_mm, half_mm in sides for side in (-1.0, 1.0)]
         if not _PER_RAD * rad_mm * edge_mm / 2.0 <= _MAX_DEGREE:
             raise ValueError(_IMPOSSIBLE)
-        lines.append(line_basis(ends_mm, rad_mm * _PER_RAD, (_MORE_GLUED if plate.patches else _MORE) + finer))
+        lines.append(section.line_basis(ends_mm, rad_mm * _PER_RAD, (_MORE_GLUED if plate.patches else _MORE) + finer))
     degrees = [math.ceil(_PER_RAD * rad_mm * edge_mm / 2.0) + _MORE + finer for edge_mm in plate.size_mm]
     if plate.patches:
         degrees = [degree + _SERIES_MORE for degree in degrees]
@@ -162,13 +162,17 @@ def _modes(
     """Yield the modes in the band, by Lanczos iterations on the inverse about its middle."""
     from scipy.sparse.linalg import LinearOperator, eigsh, splu  # late: see `section`
 
-    stiff, heavy = stiffness(layers, bases), mass(layers, bases)
+    stiff, heavy = section.stiffness(layers, bases), section.mass(layers, bases)
     low, high = ((2.0 * math.pi * hz) ** 2 for hz in band_hz)
     middle = (low + high) / 2.0
     factors = splu(stiff - middle * heavy, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     inverse = LinearOperator(stiff.shape, factors.solve)
     most = stiff.shape[0] - 2
-    number = _SPARE_MODES + math.ceil(_estimated(layers[0], band_hz) / (1 if len(bases) == len(FIELDS) else 4))
+    plate = layers[0]
+    low_rad_mm, high_rad_mm = (wave_rad_mm(hz, plate.thickness_mm, plate.material) for hz in band_hz)
+    # R. Courant and D. Hilbert, Methods of Mathematical Physics, ch. 6.4; those in the plane are a fifth of the others
+    estimated = 1.2 * plate.size_mm[0] * plate.size_mm[1] * (high_rad_mm**2 - low_rad_mm**2) / (4.0 * math.pi)
+    number = _SPARE_MODES + math.ceil(estimated / (1 if len(bases) == len(FIELDS) else 4))
     start = np.cos(np.arange(most + 2.0))  # no mode is at a right angle to it
     while True:
         number = min(number, most)
@@ -188,13 +192,6 @@ def _modes(
                 fields[field] = series[field][0] @ part.reshape(shapes[field]) @ series[field][1].T
             moving = np.split(heavy @ vector, ends)[0] @ parts[DEFLECTION] if DEFLECTION in parts else 0.0
             yield _Mode(hz, float(moving), fields)
-
-
-def _estimated(plate: Lamina, band_hz: tuple[float, float]) -> float:
-    """Return the number of a plate's modes in a band (R. Courant and D. Hilbert, Methods of Mathematical Physics, ch.
-    6.4), those in its plane as a fifth of those that bend it."""
-    low, high = (wave_rad_mm(hz, plate.thickness_mm, plate.material) for hz in band_hz)
-    return 1.2 * plate.size_mm[0] * plate.size_mm[1] * (high**2 - low**2) / (4.0 * math.pi)
 
 
 def _require(plate: GluedPlate, band_hz: tuple[float, float]) -> None:

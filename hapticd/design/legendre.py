@@ -16,7 +16,8 @@ from ..values import FloatArray
 
 def values(s: FloatArray, degree: int, order: int = 0) -> FloatArray:
     """Return derivatives of `order` of the polynomials 0..degree at s (N,), as (N, degree + 1)."""
-    raised = np.linalg.matrix_power(_derivative(degree), order)
+    k, n = np.indices((degree + 1, degree + 1))  # P_n' is the sum of (2k + 1) P_k for k = n-1, n-3, ...
+    raised = np.linalg.matrix_power(np.where((k < n) & ((n - k) % 2 == 1), 2.0 * k + 1.0, 0.0), order)
     result: FloatArray = legendre.legvander(s, degree) @ raised * np.sqrt(np.arange(degree + 1) + 0.5)
     return result
 
@@ -29,9 +30,3 @@ def overlap(degree: int, order_left: int, order_right: int) -> FloatArray:
     result: FloatArray = (left * weights[:, None]).T @ values(nodes, degree, order_right)
     result.setflags(write=False)
     return result
-
-
-def _derivative(degree: int) -> FloatArray:
-    """Column n holds P_n' in Legendre polynomials: (2k + 1) P_k for k = n-1, n-3, ..."""
-    k, n = np.indices((degree + 1, degree + 1))
-    return np.where((k < n) & ((n - k) % 2 == 1), 2.0 * k + 1.0, 0.0)

@@ -45,7 +45,10 @@ class ModeShape:
 
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (N,) at `points_mm` (N, 2), clamped to the plate. NaN stays NaN."""
-        x, y = _on_plate(points_mm, self.size_mm)
+        points = np.asarray(points_mm, np.float64)
+        if points.ndim != 2 or points.shape[1] != 2:
+            raise ValueError(f"points_mm has shape {points.shape}; give (N, 2), a row per point.")
+        x, y = np.clip(points * (2.0 / np.array(self.size_mm)), -1.0, 1.0).T
         terms_x, terms_y = self.coefficients.shape
         across = legendre.values(x, terms_x - 1) @ self.coefficients
         result: FloatArray = np.einsum("nj,nj->n", across, legendre.values(y, terms_y - 1))
@@ -121,11 +124,3 @@ def _tensor(coefficients: FloatArray, x: FloatArray, y: FloatArray) -> FloatArra
     terms_x, terms_y = coefficients.shape
     result: FloatArray = legendre.values(y, terms_y - 1) @ coefficients.T @ legendre.values(x, terms_x - 1).T
     return result
-
-
-def _on_plate(points_mm: npt.ArrayLike, size_mm: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    points = np.asarray(points_mm, np.float64)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(f"points_mm has shape {points.shape}; give (N, 2), a row per point.")
-    plate = np.clip(points * (2.0 / np.array(size_mm)), -1.0, 1.0)
-    return plate[:, 0], plate[:, 1]

@@ -36,6 +36,8 @@ class ParasiticPoles:
 
     def response(self, s: ComplexArray, amplifier: int) -> ComplexArray:
         """Return what the sensors see of these modes per volt of an amplifier (n, sensors)."""
+        if not len(self.poles):
+            return np.zeros((len(s), 1), np.complex128)
         return np.asarray((1.0 / (s[:, None] - self.poles)) @ self.residues[:, :, amplifier])
 
     def scaled(self, s_scale: float, response_scale: float) -> ParasiticPoles:
@@ -46,30 +48,24 @@ class ParasiticPoles:
 NO_PARASITIC: Final = ParasiticPoles(np.zeros(0, np.complex128), np.zeros((0, 0, 0), np.complex128))
 
 
-def find_parasitic(s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray) -> ParasiticPoles | None:
+def find_parasitic(s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray) -> ParasiticPoles:
     """Return the modes other than the `driven` poles (M,) in responses y (n, sensors), lists per amplifier;
-    None where a constant explains the rest, or they are not to be distinguished from it."""
-    half_s, half_y, test_s, test_y = _halves(s, y)
-    if min(map(len, half_s)) < len(driven) + MOST_PARASITIC + 1 + SPARE:
-        return None
-    none = np.zeros(0, np.complex128)
-    best, best_cost = none, _left(half_s, half_y, test_s, test_y, driven)
-    if best_cost < CLEAN:
-        return None
+    none where a constant explains the rest, or they are not to be distinguished from it."""
+    half_s, half_y = [at[::2] for at in s], [one[::2] for one in y]
+    best, best_cost = NO_PARASITIC.poles, _left(s, y, driven)
+    if min(map(len, half_s)) < len(driven) + MOST_PARASITIC + 1 + SPARE or best_cost < CLEAN:
+        return NO_PARASITIC
     for count in range(1, MOST_PARASITIC + 1):
         for start in combinations(STARTS, count):
             poles = _relocated(half_s, half_y, driven, _starting(driven, start))
             if poles is None:
                 continue
-            cost = _left(half_s, half_y, test_s, test_y, poles) / WORTH**count
+            cost = _left(s, y, poles) / WORTH**count
             if cost < best_cost:
                 best, best_cost = poles[len(driven) :], cost
-    if not len(best):
-        return None
-    poles = _relocated(s, y, driven, best)
-    if poles is None:
-        return None
-    return _with_residues(s, y, poles, len(driven))
+    poles = _relocated(s, y, driven, best) if len(best) else None
+    own = len(driven)
+    return NO_PARASITIC if poles is None else ParasiticPoles(poles[own:], residues_of(s, y, poles)[0][own:])
 
 
 def better_parasitic(
@@ -77,35 +73,28 @@ def better_parasitic(
 ) -> list[ParasiticPoles]:
     """Return the modes other than the `driven` poles that were found, with more at assumed frequencies, which explain
     the held-out half of the responses better: noise may hide where modes are, and still not that there are some."""
-    half_s, half_y, test_s, test_y = _halves(s, y)
     found = np.concatenate([driven, outside])
-    if min(map(len, half_s)) < len(found) + MOST_PARASITIC + 1 + SPARE:
+    if min(len(at[::2]) for at in s) < len(found) + MOST_PARASITIC + 1 + SPARE:
         return []
     starts = [start for count in range(1, MOST_PARASITIC + 1) for start in combinations(STARTS, count)]
     assumed = [np.concatenate([found, _starting(driven, start)]) for start in starts]
-    left = [_left(half_s, half_y, test_s, test_y, poles) for poles in assumed]
-    believed = _left(half_s, half_y, test_s, test_y, found)
+    left = [_left(s, y, poles) for poles in assumed]
+    believed = _left(s, y, found)
     if believed < CLEAN or min(left) > BETTER * believed:
         return []
     return [
-        _with_residues(s, y, poles, len(driven))
+        ParasiticPoles(poles[len(driven) :], residues_of(s, y, poles)[0][len(driven) :])
         for poles, one in zip(assumed, left, strict=True)
         if one < AS_GOOD * min(left) and one < believed
     ]
 
 
-def _with_residues(
-    s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray, own: int
-) -> ParasiticPoles:
-    residues = [np.linalg.lstsq(basis(at, poles), one)[0][own:-1] for at, one in zip(s, y, strict=True)]
-    return ParasiticPoles(poles[own:], np.array(residues).transpose(1, 2, 0))
-
-
-def _halves(
-    s: Sequence[ComplexArray], y: Sequence[ComplexArray]
-) -> tuple[list[ComplexArray], list[ComplexArray], list[ComplexArray], list[ComplexArray]]:
-    """Return every other point of s and y, and the points between."""
-    return [at[::2] for at in s], [one[::2] for one in y], [at[1::2] for at in s], [one[1::2] for one in y]
+def residues_of(
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the poles' residues (P, sensors, amplifiers), and what is constant (sensors, amplifiers)."""
+    solved = np.array([np.linalg.lstsq(basis(at, poles), one)[0] for at, one in zip(s, y, strict=True)])
+    return solved[:, :-1].transpose(1, 2, 0), solved[:, -1].T
 
 
 def _starting(driven: ComplexArray, start: Sequence[float]) -> ComplexArray:
@@ -117,17 +106,11 @@ def basis(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
     return np.column_stack([1.0 / (s[:, None] - poles), np.ones(len(s))])
 
 
-def _left(
-    s: Sequence[ComplexArray],
-    y: Sequence[ComplexArray],
-    test_s: Sequence[ComplexArray],
-    test_y: Sequence[ComplexArray],
-    poles: ComplexArray,
-) -> float:
-    """Return the RMS that responses fitted at `s` with these poles leave at `test_s`."""
+def _left(s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray) -> float:
+    """Return the RMS that every other point of the responses, fitted with these poles, leaves at the points between."""
     left = [
-        basis(other, poles) @ np.linalg.lstsq(basis(at, poles), responses)[0] - truth
-        for at, responses, other, truth in zip(s, y, test_s, test_y, strict=True)
+        basis(at[1::2], poles) @ np.linalg.lstsq(basis(at[::2], poles), one[::2])[0] - one[1::2]
+        for at, one in zip(s, y, strict=True)
     ]
     return float(np.sqrt(np.mean(np.abs(np.concatenate(left)) ** 2)))
 

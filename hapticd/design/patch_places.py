@@ -1,9 +1,12 @@
-"""Places for piezoelectric patches along a plate's edges: one to drive and one to sense for each mode.
+"""Places for piezoelectric patches along a plate's edges, one to drive and one to sense for each mode, and for stamps.
 
 A thin patch on one face pulls at its edges with a force that is uniform along them, so that it drives a mode by what
 they move apart, and as a sensor gives charge in the same proportion (Crawley and de Luis, AIAA J. 25 (1987) 1373).
 These couplings, each as a share of the mode's best, are the drive and sense matrices up to a factor per mode. The
 patches that are chosen are those whose worst needs the least volts.
+
+A stamp supports the plate where all modes move it least. It is a disc, which the slope of the shapes moves. Damping,
+and the shaking of a sensor under the plate, grow with the largest motion within the disc.
 
 Left out: the patch's own stiffness and mass in the shapes (`glued_plate` has them), wires, and the glue.
 """
@@ -12,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +30,10 @@ BoolArray = npt.NDArray[np.bool_]
 STEP_MM = 2.5  # between candidates along an edge
 _GAUSS_POINTS = 8  # per side of a patch, which is shorter than a wave
 _SINGULAR = 1e-9  # smaller pivots are none
+_CELLS_PER_WAVE = 12  # of the grid on which stamps are searched
+_DISC_RADII, _DISC_ANGLES = 4, 16  # sample points of a disc
+_TRIED = 50  # cells of least motion in each quadrant whose whole disc is judged
+_INNER_FRAC = 0.25  # of the half plate: four stamps nearer to the middle let the plate tip
 _ROUNDS = 20  # of exchanges; five suffice on four modes
 
 
@@ -94,9 +102,13 @@ def couplings(
     ends = (places_mm[:, None] + half[:, None] * np.array((-1.0, 1.0))[:, None]) * (2.0 / size)  # (n, end, 2)
     inside = (places_mm[:, None] + half[:, None] * points[:, None]) * (2.0 / size)  # of the rule along each side
     degrees = [terms - 1 for terms in shapes[0].coefficients.shape]
-    apart = [np.diff(_values(ends[..., axis], degrees[axis]), axis=1)[:, 0] for axis in (0, 1)]
+
+    def values(places: FloatArray, degree: int) -> FloatArray:
+        return legendre.values(places.ravel(), degree).reshape(*places.shape, degree + 1)
+
+    apart = [np.diff(values(ends[..., axis], degrees[axis]), axis=1)[:, 0] for axis in (0, 1)]
     over = [
-        np.einsum("nqi,q,n->ni", _values(inside[..., axis], degrees[axis]), weights, half[:, axis]) for axis in (0, 1)
+        np.einsum("nqi,q,n->ni", values(inside[..., axis], degrees[axis]), weights, half[:, axis]) for axis in (0, 1)
     ]
 
     def stretch(of_x: FloatArray, of_y: FloatArray) -> FloatArray:
@@ -107,10 +119,6 @@ def couplings(
     return np.array([stretch(*motion[2:]) + np.asarray(height_mm) * stretch(*motion[:2]) for motion in motions])
 
 
-def _values(places: FloatArray, degree: int) -> FloatArray:
-    return legendre.values(places.ravel(), degree).reshape(*places.shape, degree + 1)
-
-
 def places_for_reach(per_volt_um: FloatArray, overlaps: BoolArray) -> list[int]:
     """Return a candidate for each mode, by what a volt on each gives the modes, `per_volt_um` (M, n): those whose worst
     patch needs the least volts, RMS, when all modes have the same amplitude in any phases.
@@ -119,7 +127,6 @@ def places_for_reach(per_volt_um: FloatArray, overlaps: BoolArray) -> list[int]:
     u = A^-1 c, row i becomes row i less u_i / u_j of row j (J. Sherman and W. J. Morrison, Ann. Math. Stat. 21 (1950)
     124), so all candidates are compared by products of rows.
     """
-
     chosen = _greedy(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps)
     for _ in range(_ROUNDS):
         before = list(chosen)
@@ -154,3 +161,42 @@ def _greedy(coupling: FloatArray, overlaps: BoolArray) -> list[int]:
         along = left[:, chosen[-1]] / np.linalg.norm(left[:, chosen[-1]])
         left = left - np.outer(along, along @ left)
     return chosen
+
+
+class Stamp(NamedTuple):
+    """A support point, and the largest motion within the disc around it, as a share of the amplitude of all modes, in
+    phase."""
+
+    x_mm: float
+    y_mm: float
+    moved_frac: float
+
+
+def four_stamps(shapes: Sequence[ModeShape], radius_mm: float) -> tuple[Stamp, ...]:
+    """Return the point with room for a stamp of `radius_mm` where all `shapes` move it least in each quadrant, away
+    from the middle: on a grid, a twelfth of the shortest wave apart."""
+    lines = max(max(shape.nodal_lines) for shape in shapes) + 2
+    x_mm, y_mm = (
+        np.linspace(-1.0, 1.0, _CELLS_PER_WAVE * lines) * (edge_mm / 2 - radius_mm) for edge_mm in shapes[0].size_mm
+    )
+    size = np.sum([np.abs(shape.on_grid(x_mm, y_mm)) for shape in shapes], axis=0)
+    inner_x_mm, inner_y_mm = (_INNER_FRAC * edge_mm / 2 for edge_mm in shapes[0].size_mm)
+    chosen = []
+    for right, up in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        quarter = np.where(np.outer(up * y_mm >= inner_y_mm, right * x_mm >= inner_x_mm), size, np.inf)
+        rows, columns = np.unravel_index(np.argsort(quarter, axis=None, kind="stable")[:_TRIED], size.shape)
+        points = np.stack((x_mm[columns], y_mm[rows]), axis=-1)
+        moved = _moved(shapes, points, radius_mm)
+        best = int(np.argmin(np.round(moved, 9)))
+        chosen.append(Stamp(float(points[best, 0]), float(points[best, 1]), float(moved[best])))
+    return tuple(chosen)
+
+
+def _moved(shapes: Sequence[ModeShape], points: FloatArray, radius_mm: float) -> FloatArray:
+    """Return the largest sum of |shape| within each disc (N,)."""
+    radii = radius_mm * np.arange(1, _DISC_RADII + 1) / _DISC_RADII
+    angles = 2.0 * np.pi * np.arange(_DISC_ANGLES) / _DISC_ANGLES
+    disc = (radii[:, None, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)).reshape(-1, 2)
+    around = (points[:, None] + disc).reshape(-1, 2)
+    size = sum(np.abs(shape.evaluate(around)) for shape in shapes)
+    return np.asarray(np.reshape(size, (len(points), len(disc))).max(axis=1), np.float64)

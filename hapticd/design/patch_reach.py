@@ -1,4 +1,4 @@
-"""Reach of each mode by the patches that drive it: force, modal mass, volts.
+"""What patches do to the modes, force, modal mass, volts and reach, and what they ask of their amplifiers.
 
 A patch pulls at its edges with the force N V per length (Crawley and de Luis, AIAA J. 25 (1987) 1373), so it drives a
 mode by N V times the stretch of its area (`patch_places.couplings`), with N = |d31| Y / (1 - nu). In the rotating frame
@@ -10,6 +10,11 @@ with m the mode's mass, patches included. The board has an amplifier and a patch
 mode, so one combination of volts moves a mode and leaves the others at rest: columns of the inverse of g. *The reach
 of a mode* is its amplitude when the patch that needs most for it has its largest voltage. Modes that move together
 share the patches, whose volts add up: `patch_volts_v`.
+
+A free patch is a plate capacitor; glued, its planar motion is held, and it has CLAMPED_FRAC of that. An amplifier
+drives that capacitance and, on top, the charge that the moving modes bring to the electrodes: by reciprocity as many
+coulombs per metre as the patch has newtons per volt. All at small fields: permittivity and losses of soft PZT grow with
+the field, and a soft or incomplete bond lets the capacitance rise towards the free one.
 
 Left out: the glue, hysteresis (real amplitudes per volt are larger at high fields), and the change of d31 with field.
 """
@@ -31,6 +36,8 @@ from .patch_places import couplings
 D31_M_V = 180e-12  # PIC255 (PI Ceramic, material data), at small fields
 FIELD_V_MM = 300.0  # across soft PZT, driven to both sides: a third of its coercive field
 AMPLIFIER_V = 150.0
+PERMITTIVITY, CLAMPED_FRAC, TAN_DELTA = 1750.0, 0.6, 0.02  # PIC255 (PI Ceramic, material data), at small fields
+_VACUUM_F_M = 8.854e-12
 
 
 class UndrivenError(ValueError):
@@ -100,3 +107,51 @@ def forces_n_v(thickness_mm: float, patches: Sequence[Patch], shapes: Sequence[M
 def most_volts_v(patch: Patch) -> float:
     """Return the voltage to which a patch may be driven, peak: by the amplifier, or by its field."""
     return min(AMPLIFIER_V, FIELD_V_MM * patch.thickness_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class PatchLoad:
+    """A glued patch that is driven by a sine of `volts_v`, peak, at `drive_hz`; the modes at rest."""
+
+    free_nf: float
+    glued_nf: float
+    volts_v: float
+    peak_ma: float
+    rms_ma: float
+    apparent_va: float
+    loss_w: float
+    slew_v_us: float
+
+
+def patch_load(patch: Patch, drive_hz: float, volts_v: float | None = None) -> PatchLoad:
+    """Return what a patch asks of its amplifier; without `volts_v` at the most that it may have."""
+    most_v = most_volts_v(patch) if volts_v is None else volts_v
+    omega = 2.0 * math.pi * drive_hz
+    peak_a = omega * capacitance_f(patch) * most_v
+    apparent_va = peak_a * most_v / 2.0
+    return PatchLoad(
+        free_nf=1e9 * capacitance_f(patch) / CLAMPED_FRAC,
+        glued_nf=1e9 * capacitance_f(patch),
+        volts_v=most_v,
+        peak_ma=1e3 * peak_a,
+        rms_ma=1e3 * peak_a / math.sqrt(2.0),
+        apparent_va=apparent_va,
+        loss_w=apparent_va * TAN_DELTA,
+        slew_v_us=omega * most_v * 1e-6,
+    )
+
+
+def capacitance_f(patch: Patch) -> float:
+    """Return a glued patch's capacitance."""
+    area_m2 = patch.size_mm[0] * patch.size_mm[1] * 1e-6
+    return CLAMPED_FRAC * PERMITTIVITY * _VACUUM_F_M * area_m2 / (patch.thickness_mm * 1e-3)
+
+
+def charge_nc_um(thickness_mm: float, patches: Sequence[Patch], shapes: Sequence[ModeShape]) -> FloatArray:
+    """Return the charge (M modes, P patches), peak, that 1 um peak to peak of each mode brings to each patch, in nC."""
+    return np.asarray(0.5e3 * np.abs(forces_n_v(thickness_mm, patches, shapes)))
+
+
+def moving_ma(charge: FloatArray, drive_hz: float, amplitudes_um: FloatArray) -> FloatArray:
+    """Return the most current, peak, that moving modes bring to each patch (P,), all at their amplitudes (M,)."""
+    return np.asarray(2e-6 * math.pi * drive_hz * (amplitudes_um @ charge))

@@ -16,7 +16,7 @@ from . import legendre
 from .felt_search import COUPLED_HZ, MOST_TURN_DEG, FeltDesign
 from .materials import Material
 from .mode_shape import ModeShape
-from .patch_load import TAN_DELTA, capacitance_f
+from .patch_reach import TAN_DELTA, capacitance_f
 from .section import wave_rad_mm
 
 MOST_FRAC = 0.95  # of the places ask no more than what is stated

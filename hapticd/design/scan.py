@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..values import FloatArray
+from .free_fit import NOMINAL, Pose
 from .mode_shape import ModeShape
-from .pose import NOMINAL, Pose
 
 
 def sample_cartography(

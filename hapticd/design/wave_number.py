@@ -8,7 +8,6 @@ by generalised cross validation, up to the shortest wave that the points could s
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,25 +31,20 @@ _SPARE_DIRECTIONS = 2
 _LEAST_SHARE = 1e-6  # of the largest singular value: smaller ones are no direction of their own
 
 
-class FitStart(NamedTuple):
-    """Basis of the fit, and the wave number of a coarse scan; None where the fit shows it by itself."""
-
-    basis: PlateBasis
-    wave_rad_mm: float | None = None
-
-
-def start(points_mm: FloatArray, readings: Readings, lines: tuple[int, int], size_mm: tuple[float, float]) -> FitStart:
-    """Return what a fit begins with. Raises ModesError if the scan shows no wave, or does not sample it."""
+def start(
+    points_mm: FloatArray, readings: Readings, lines: tuple[int, int], size_mm: tuple[float, float]
+) -> tuple[PlateBasis, float | None]:
+    """Return the basis of the fit, and the wave number of a coarse scan; None where the fit shows it by itself. Raises
+    ModesError if the scan shows no wave, or does not sample it."""
     half_mm = size_mm[0] / 2.0, size_mm[1] / 2.0
     basis = PlateBasis((min(lines[0] - 1, _MAX_DEGREE), min(lines[1] - 1, _MAX_DEGREE)), half_mm)
     if min(lines) >= _DENSE_LINES:
-        return FitStart(basis)
+        return basis, None
     wave_rad_mm = _searched(points_mm, in_phase(readings).values, size_mm)
-    if wave_rad_mm is None:
-        return FitStart(basis)
-    if all(degree >= wave_rad_mm * half + _SPARE_DEGREES for degree, half in zip(basis.degrees, half_mm, strict=True)):
-        return FitStart(basis)
-    return FitStart(_basis_for(wave_rad_mm, half_mm), wave_rad_mm)
+    degrees = [] if wave_rad_mm is None else [math.ceil(wave_rad_mm * half + _SPARE_DEGREES) for half in half_mm]
+    if wave_rad_mm is None or (degrees[0] <= basis.degrees[0] and degrees[1] <= basis.degrees[1]):
+        return basis, None
+    return PlateBasis((min(degrees[0], _MAX_DEGREE), min(degrees[1], _MAX_DEGREE)), half_mm), wave_rad_mm
 
 
 def scattered(basis: PlateBasis, points_mm: FloatArray, values: FloatArray) -> ScatteredData:
@@ -89,7 +83,11 @@ def _searched(points_mm: FloatArray, values: FloatArray, size_mm: tuple[float, f
     best = int(np.argmin(errors))
     if errors[best] > _NO_WAVE_FRAC**2 * float((values**2).mean(axis=0).sum()):
         return None
-    wave_rad_mm = _vertex(waves_rad_mm, errors, best)
+    wave_rad_mm = float(waves_rad_mm[best])
+    if 0 < best < len(errors) - 1:  # the lowest point of the parabola through it and its neighbours
+        before, least, after = errors[best - 1 : best + 2]
+        shift = 0.5 * (before - after) / (before - 2.0 * least + after)
+        wave_rad_mm += float(shift * (waves_rad_mm[1] - waves_rad_mm[0]))
     wave_mm = 2.0 * math.pi / wave_rad_mm
     if wave_mm < _LEAST_POINTS * apart_mm:
         raise ModesError(
@@ -111,17 +109,3 @@ def _prediction_square(points_mm: FloatArray, values: FloatArray, wave_rad_mm: f
     spare_frac = max(1.0 - rank / len(values), 1.0 / len(values))
     square: float = ((values - design @ found) ** 2).mean(axis=0).sum() / spare_frac**2
     return square
-
-
-def _basis_for(wave_rad_mm: float, half_mm: tuple[float, float]) -> PlateBasis:
-    along_x, along_y = (min(math.ceil(wave_rad_mm * half + _SPARE_DEGREES), _MAX_DEGREE) for half in half_mm)
-    return PlateBasis((along_x, along_y), half_mm)
-
-
-def _vertex(waves_rad_mm: FloatArray, errors: list[float], best: int) -> float:
-    """Return the lowest point of the parabola through the best error and its neighbours."""
-    if not 0 < best < len(errors) - 1:
-        return float(waves_rad_mm[best])
-    before, least, after = errors[best - 1 : best + 2]
-    shift = 0.5 * (before - after) / (before - 2.0 * least + after)
-    return float(waves_rad_mm[best] + shift * (waves_rad_mm[1] - waves_rad_mm[0]))

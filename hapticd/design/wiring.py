@@ -24,9 +24,11 @@ import numpy as np
 from ..board_values import ModeCalibration, SweepPoint
 from ..values import ComplexArray, FloatArray
 from .parasitic_fit import NO_PARASITIC, ParasiticPoles, better_parasitic, find_parasitic
+from .readings import in_phase
 from .resonance import ITERATIONS, MIN_POINTS, Resonance
 
 HALF = 0.5  # of the largest: the first such wire gives a mode its sign
+MOVED_FRAC = 0.003  # of what a volt does to the modes: a pole with less is a rest of a driven mode
 SEEN_FRAC = 0.05  # of the strongest residue: a pole with less is no mode of this plate
 NOT_ALIKE = "The responses do not look like {} resonances: sweep a wider band around them, or with more voltage."
 OWN = 0.5  # of the largest product of a mode's sensor and amplifier: they then belong together, if no other does
@@ -77,17 +79,26 @@ class MeasuredWiring:
 
     def modal(self, mode: int, sweep: AmplifierSweep) -> ComplexArray:
         """Return the mode's amplitude per volt (n,) in a sweep, without the parasitic modes."""
-        return np.asarray(self._driven_um_per_v(sweep) @ np.linalg.inv(self.senses)[mode])
+        s = np.asarray(2j * math.pi * (sweep.frequency_hz - self.centre_hz), np.complex128)
+        driven_um_per_v = sweep.response_um_per_v - self.parasitic.response(s, sweep.amplifier)
+        return np.asarray(driven_um_per_v @ np.linalg.inv(self.senses)[mode])
 
     def parasitic_hz(self) -> list[float]:
         """Return the frequencies of the parasitic modes, rising."""
         return sorted((self.centre_hz + self.parasitic.poles.imag / (2.0 * math.pi)).tolist())
 
-    def _driven_um_per_v(self, sweep: AmplifierSweep) -> ComplexArray:
-        if not len(self.parasitic.poles):
-            return sweep.response_um_per_v
-        s = np.asarray(2j * math.pi * (sweep.frequency_hz - self.centre_hz), np.complex128)
-        return sweep.response_um_per_v - self.parasitic.response(s, sweep.amplifier)
+    def swept(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return frequency and quality (K,) of the driven modes, then of the parasitic ones, and what a volt of each
+        amplifier does to them (K, M), um/(V s), with the sign of their sensors."""
+        rows, poles = [*self.drives], self.driven_poles(self.centre_hz).tolist()
+        for pole, residue in zip(self.parasitic.poles, self.parasitic.residues, strict=True):
+            seen, sizes, driven = np.linalg.svd(residue)
+            if sizes[0] > MOVED_FRAC * np.abs(self.drives).max():
+                rows.append(_of_length_1(seen[:, 0], sizes[0] * driven[0])[1])
+                poles.append(pole)
+        poles = np.array(poles)
+        frequency_hz = self.centre_hz + poles.imag / (2.0 * math.pi)
+        return frequency_hz, -math.pi * frequency_hz / poles.real, in_phase(1j * np.array(rows).T).values.T
 
     def calibrations(self) -> list[ModeCalibration]:
         """Return the calibration of every mode. Raises ValueError if the amplifiers cannot drive them independently."""
@@ -195,12 +206,11 @@ def _scaled(sweeps: Sequence[AmplifierSweep]) -> _Scaled:
     return _Scaled(sweeps, s, y, centre_hz, half_hz, scale)
 
 
-def _fitted(scaled: _Scaled, outside: ParasiticPoles | None) -> MeasuredWiring:
+def _fitted(scaled: _Scaled, outside: ParasiticPoles) -> MeasuredWiring:
     """Fit what these parasitic modes leave. Raises ValueError for responses without as many resonances."""
     sweeps, s, y, scale, count = scaled.sweeps, scaled.s, scaled.y, scaled.scale, len(scaled.s)
     centre_hz, half_hz = scaled.centre_hz, scaled.half_hz
-    if outside is not None:
-        y = [responses - outside.response(at, k) for k, (at, responses) in enumerate(zip(s, y, strict=True))]
+    y = [responses - outside.response(at, k) for k, (at, responses) in enumerate(zip(s, y, strict=True))]
     try:
         poles, senses = _poles_and_senses(s, y)
         residues, background = _drives(s, y, poles, senses)
@@ -223,20 +233,24 @@ def _fitted(scaled: _Scaled, outside: ParasiticPoles | None) -> MeasuredWiring:
     for mode, p in enumerate(order):
         amplifier = _first_large(drives[mode])
         strongest = complex(drives[mode, amplifier])
-        fit = Resonance(
-            frequency_hz=float(frequency_hz[p]),
-            q_factor=float(math.pi * frequency_hz[p] / decay_1_s[p]),
-            gain_um_per_v_s=abs(strongest),
-            loop_phase_rad=cmath.phase(1j * strongest),
-            background_um_per_v=complex(sense[mode] @ (scale * background[:, amplifier])),
-            residual_frac=0.0,
+        fits.append(
+            Resonance(
+                frequency_hz=float(frequency_hz[p]),
+                q_factor=float(math.pi * frequency_hz[p] / decay_1_s[p]),
+                gain_um_per_v_s=abs(strongest),
+                loop_phase_rad=cmath.phase(1j * strongest),
+                background_um_per_v=complex(sense[mode] @ (scale * background[:, amplifier])),
+                residual_frac=0.0,
+            )
         )
-        shown = sweeps[amplifier].response_um_per_v if outside is None else scale * y[amplifier]
-        measured = shown @ sense[mode]
-        left = np.sqrt(np.mean(np.abs(fit.response(sweeps[amplifier].frequency_hz) - measured) ** 2))
-        fits.append(replace(fit, residual_frac=float(left / np.abs(measured).max())))
-    parasitic = NO_PARASITIC if outside is None else outside.scaled(2.0 * math.pi * half_hz, scale)
-    return MeasuredWiring(tuple(fits), drives, senses, scale * background, parasitic, centre_hz)
+    parasitic = outside.scaled(2.0 * math.pi * half_hz, scale)
+    found = MeasuredWiring(tuple(fits), drives, senses, scale * background, parasitic, centre_hz)
+    for mode, fit in enumerate(fits):
+        sweep = sweeps[found.strongest(mode)]
+        measured = found.modal(mode, sweep)
+        left = np.sqrt(np.mean(np.abs(fit.response(sweep.frequency_hz) - measured) ** 2))
+        fits[mode] = replace(fit, residual_frac=float(left / np.abs(measured).max()))
+    return replace(found, fits=tuple(fits))
 
 
 def _poles_and_senses(s: Sequence[ComplexArray], y: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]:

@@ -11,9 +11,8 @@ import numpy as np
 
 from ..design.felt_search import FeltDesign
 from ..design.glued_plate import Patch
-from ..design.patch_load import charge_nc_um
-from ..design.patch_places import PatchSet, place_patches
-from ..design.stamps import Stamp, four_stamps, least_moved
+from ..design.patch_places import PatchSet, Stamp, four_stamps, place_patches
+from ..design.patch_reach import charge_nc_um
 from ..values import FloatArray
 from . import plotting
 
@@ -40,7 +39,7 @@ def place(design: FeltDesign) -> Placement:
     sensors = place_patches(design.shapes, SENSOR_MM, height_mm, plate.patches)
     glued = [Patch(x_mm, y_mm, SENSOR_MM, SENSOR_THICKNESS_MM) for x_mm, y_mm in sensors.places_mm.tolist()]
     charge_nc = charge_nc_um(plate.thickness_mm, glued, design.shapes)
-    return Placement(sensors, charge_nc, four_stamps(least_moved(design.shapes, STAMP_MM), plate.size_mm))
+    return Placement(sensors, charge_nc, four_stamps(design.shapes, STAMP_MM))
 
 
 def table(placement: Placement, design: FeltDesign) -> str:

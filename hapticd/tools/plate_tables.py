@@ -12,7 +12,7 @@ import numpy as np
 from ..design.felt_search import FeltDesign
 from ..design.felt_tolerances import Tolerances
 from ..design.mode_choice import MOST_UM, FeltTask
-from ..design.patch_load import charge_nc_um, moving_ma, patch_load
+from ..design.patch_reach import charge_nc_um, moving_ma, patch_load
 from ..design.plate_bounds import Bound, most
 from ..values import FloatArray
 from . import outputs, plate_places

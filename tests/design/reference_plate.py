@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 
-from hapticd.design import ModeShape, free_plate_modes
+from hapticd.design import CartographyFit, ModeShape, fit_scan, free_plate_modes
 
 
 @cache
@@ -18,3 +19,8 @@ def driven_modes() -> list[ModeShape]:
 def grid_points(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """Return the points (N, 2) of a grid, row by row."""
     return np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+
+
+def fit_grid(x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, **options: Any) -> CartographyFit:
+    """Fit shapes (M, ny, nx) on a grid, in the scale of the readings."""
+    return fit_scan(grid_points(x_mm, y_mm), shapes.reshape(len(shapes), -1).T, normalise=False, **options)

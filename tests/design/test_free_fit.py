@@ -12,14 +12,13 @@ from hapticd.design import (
     CartographyFit,
     ModeShape,
     Pose,
-    fit_cartography,
     fit_scan,
     free_plate_modes,
     sample_scan,
 )
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
-from .reference_plate import driven_modes, grid_points
+from .reference_plate import driven_modes, fit_grid, grid_points
 
 pytestmark = pytest.mark.long
 
@@ -81,7 +80,7 @@ def test_a_noisy_mixture_of_free_plate_modes_is_met_with_far_less_error(
     fine_mm = [np.linspace(-edge_mm / 2.0, edge_mm / 2.0, 151) for edge_mm in size_mm]
     truth = mixture(shapes, fine_mm[0], fine_mm[1])
 
-    fit = fit_cartography(*(scan_axis_mm(edge_mm) for edge_mm in size_mm), scan, size_mm=size_mm, normalise=False)
+    fit = fit_grid(*(scan_axis_mm(edge_mm) for edge_mm in size_mm), scan, size_mm=size_mm)
 
     assert (fit.freedom < 30.0).all()
     error = map_error(fit, truth, fine_mm[0], fine_mm[1])
@@ -101,7 +100,7 @@ def test_a_plate_that_is_not_free_keeps_the_smoothing_fit() -> None:
     truth = clamped_corner(fine_mm, fine_mm)
     scan = noisy(clamped_corner(AXIS_MM, AXIS_MM))
 
-    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
+    fit = fit_grid(AXIS_MM, AXIS_MM, scan)
 
     assert (fit.freedom > 60.0).all()
     error = map_error(fit, truth, fine_mm, fine_mm)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.design import CartographyFit, fit_cartography
+from hapticd.design import CartographyFit
 from hapticd.sim.plate.shape_tables import GLUE, waves
 from hapticd.values import FloatArray
 
-from .reference_plate import driven_modes
+from .reference_plate import driven_modes, fit_grid
 
 pytestmark = pytest.mark.long
 
@@ -29,7 +29,7 @@ def glued(x_mm: FloatArray, y_mm: FloatArray, glue_frac: float) -> FloatArray:
 def fitted(glue_frac: float, by: str = "best") -> CartographyFit:
     noise = NOISE * np.random.default_rng(3).standard_normal((2, len(SCAN_MM), len(SCAN_MM)))
     shapes = glued(SCAN_MM, SCAN_MM, glue_frac) + noise
-    return fit_cartography(SCAN_MM, SCAN_MM, shapes, size_mm=SIZE_MM, normalise=False, by=by)
+    return fit_grid(SCAN_MM, SCAN_MM, shapes, size_mm=SIZE_MM, by=by)
 
 
 def error(fit: CartographyFit, glue_frac: float) -> float:

@@ -7,6 +7,7 @@ import pytest
 from parasitic_plate import NO_THROUGH, OWN, plate, swept
 
 from hapticd.design import wiring
+from hapticd.design.parasitic_fit import NO_PARASITIC
 from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from hapticd.sim.board.board import Board, BoardConfig, PlateModel
 from hapticd.sim.board.closed_loop import follow
@@ -43,7 +44,7 @@ def test_modes_beside_the_sweep_are_no_feedthrough_and_the_loop_holds(monkeypatc
     assert [fit.frequency_hz for fit in found.fits] == pytest.approx([29195.0, 29215.0], abs=0.05)
     assert max(fit.residual_frac for fit in found.fits) < 0.001
     assert not swings(calibrated(plate(), found))
-    monkeypatch.setattr(wiring, "find_parasitic", lambda *_: None)
+    monkeypatch.setattr(wiring, "find_parasitic", lambda *_: NO_PARASITIC)
     believed = fit_wiring(swept(plate()))
     assert np.abs(believed.background_um_per_v).max() > FALSE_UM_PER_V
     assert 0.01 < max(fit.residual_frac for fit in believed.fits) < 0.03
@@ -67,7 +68,7 @@ def test_a_plate_without_them_is_fitted_as_ever(
     sweeps = swept(plate((), through.astype(complex)), noise)
     found = fit_wiring(sweeps)
     assert found.parasitic_hz() == []
-    monkeypatch.setattr(wiring, "find_parasitic", lambda *_: None)
+    monkeypatch.setattr(wiring, "find_parasitic", lambda *_: NO_PARASITIC)
     assert found.calibrations() == fit_wiring(sweeps).calibrations()
     assert found.fits == fit_wiring(sweeps).fits
 

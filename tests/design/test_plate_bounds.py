@@ -12,8 +12,7 @@ from hapticd.design import ModeShape
 from hapticd.design.felt_search import FeltDesign
 from hapticd.design.glued_plate import GluedPlate, Patch
 from hapticd.design.materials import MATERIALS
-from hapticd.design.patch_load import capacitance_f
-from hapticd.design.patch_reach import patch_drive
+from hapticd.design.patch_reach import capacitance_f, patch_drive
 from hapticd.design.plate_bounds import bounds, stress_mpa
 
 from .sine_mode import SIZE_MM, sine_mode

@@ -13,7 +13,7 @@ from pictures import faults
 from hapticd.__main__ import main
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.solver.instant import InstantSolver
-from hapticd.design.felt_map import felt_map
+from hapticd.design.felt_places import felt_map
 from hapticd.sim.score import felt
 from hapticd.tools.map.picture import FeltPanel, felt_figure
 from hapticd.tools.map.plate import mapped_plate

@@ -60,7 +60,7 @@ def fill_gaps(x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> F
 
     Minimises the sum of the squared fourth differences along both axes (conjugate gradients). At 6 points per
     wavelength the error of a lost point is 1 % of the peak RMS inside the map, 6 % on its border. Meant for a few lost
-    points: `design.fit_cartography` uses the whole map instead.
+    points: `design.fit_scan` uses the whole map instead.
     """
     rough_x, rough_y = _roughness(x_knots), _roughness(y_knots)
     return np.stack([_fill_surface(surface, rough_x, rough_y) for surface in values])

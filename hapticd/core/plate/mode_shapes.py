@@ -50,7 +50,7 @@ class ModeShapes:
     def from_grid(cls, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> ModeShapes:
         """Interpolate `shapes` (M, ny, nx) over increasing axes `x_mm` (nx,), `y_mm` (ny,), at least 4 points each.
 
-        The values are kept as they are; `design.fit_cartography` smooths and scales. Up to a quarter of a mode's points
+        The values are kept as they are; `design.fit_scan` smooths and scales. Up to a quarter of a mode's points
         may be NaN; they are interpolated (`fill_gaps`). Raises ModesError for an invalid map.
         """
         return cls(x_mm, y_mm, shapes)

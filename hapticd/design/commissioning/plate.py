@@ -22,15 +22,10 @@ def judge_matrices(found: MeasuredWiring) -> Judgement:
     """Judge which drive moves which sensor: a matrix with one dominant entry in each row and column."""
     moved = np.abs(found.drives) / np.abs(found.drives).max()
     seen = np.abs(found.senses) / np.abs(found.senses).max()
-    figures = [
-        (f"mode {p}", f"amplifiers {_row(moved[p])}, sensors {_row(seen[:, p])}") for p in range(len(found.fits))
-    ]
+    rows = [[" ".join(f"{share:.2f}" for share in of) for of in both] for both in zip(moved, seen.T, strict=True)]
+    figures = [(f"mode {p}", f"amplifiers {drives}, sensors {sees}") for p, (drives, sees) in enumerate(rows)]
     findings = tuple(Diagnosis(sentence) for sentence in found.wrong_wires())
     return Judgement("Each mode has an amplifier and a sensor.", findings, tuple(figures))
-
-
-def _row(values: FloatArray) -> str:
-    return " ".join(f"{value:.2f}" for value in values)
 
 
 def judge_resonance(fits: Sequence[Resonance], design: PlateDesign) -> Judgement:

@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from hapticd.config.sections import LEAST_MODES, UncertaintyConfig
 from hapticd.core.plate.mode_shapes import ModeShapes, ParasiticModes
+from hapticd.design.cartography import compensated
 
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
@@ -191,11 +192,12 @@ class GroundTruth:
 
     def true_mode_map(self, modes: int | None = None) -> ModeShapes:
         """Return the true shapes of the driven modes, as perfect knowledge has them, or of the first `modes`."""
+        count = self.settings.driven_modes if modes is None else modes
         x_mm, y_mm, shapes = self._grid
+        shown = shapes[:count]
         if modes is None and self._pushed is not None:
-            count = self.settings.driven_modes
-            return ModeShapes(x_mm, y_mm, shapes[:count] + np.tensordot(self._pushed.T, shapes[count:], 1))
-        return ModeShapes(x_mm, y_mm, shapes[: self.settings.driven_modes if modes is None else modes])
+            shown = compensated(shown, shapes[count:], self._pushed)
+        return ModeShapes(x_mm, y_mm, shown)
 
     def parasitic_modes(self, seed: int) -> ParasiticModes:
         """Return the measured parasitic modes: mode map and sweep.
@@ -220,7 +222,7 @@ class GroundTruth:
         if self._pushed is None:
             return driven
         others = mode_map(self.settings.plate, *self.scan(seed, is_driven=False))
-        return ModeShapes(driven.x_mm, driven.y_mm, driven.shapes + np.tensordot(self._pushed.T, others.shapes, 1))
+        return ModeShapes(driven.x_mm, driven.y_mm, compensated(driven.shapes, others.shapes, self._pushed))
 
     def scan(self, seed: int, is_driven: bool) -> tuple[tuple[str, ...], ModeScan]:
         """Return modes and scan of a mode map."""

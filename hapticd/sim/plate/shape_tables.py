@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
-from hapticd.design import ModeShape, fit_cartography, sample_cartography
+from hapticd.design import ModeShape, fit_scan, sample_cartography
 from hapticd.design.cartography import map_axis
 from hapticd.values import FloatArray
 
@@ -148,4 +148,5 @@ def fitted(glass: str, names: tuple[str, ...], scan: ModeScan) -> ModeShapes:
     seed = scan.seed if scan.first == 0 else (scan.seed, scan.first)
     x_mm, y_mm, shapes = sample_cartography(bare, step_mm=scan.step_mm, noise_frac=scan.noise_frac, seed=seed)
     shapes += _added((x_mm, y_mm), bare, scan.first, WorldErrors(glue_frac=scan.glue_frac, seed=scan.glue_seed))
-    return fit_cartography(x_mm, y_mm, shapes, size_mm=bare[0].size_mm, normalise=False).modes
+    points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    return fit_scan(points_mm, shapes.reshape(len(shapes), -1).T, size_mm=bare[0].size_mm, normalise=False).modes

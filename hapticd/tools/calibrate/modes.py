@@ -20,10 +20,10 @@ from ...config.sections import LEAST_CONTACT_MODES, LimitsConfig, SimConfig, Sol
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.solver.public import solve_batch
 from ...design import CartographyFit, fit_scan, nearest_free_modes
-from ...design.added_mass import signed
-from ...design.cartography import REFERENCE_SIZE_MM
+from ...design.cartography import REFERENCE_SIZE_MM, compensated
 from ...design.contact_pairs import random_fingers
 from ...design.felt_places import settle_felt, touches, touches_at
+from ...design.free_fit import signed
 from ...design.mode_choice import CHOICE_PLACES, FINGER_KG_S, Choice, FeltTask, NearModes, choose
 from ...design.patch_reach import AMPLIFIER_V, PatchDrive
 from ...errors import CalibrationError, ModesError
@@ -136,7 +136,7 @@ def chosen(fit: CartographyFit, swept: SweptModes, size_mm: tuple[float, float])
         )
     used, rest = list(choice.used), near.undriven(choice.used)
     pushed = near.pushed(used, choice.drive_hz).real
-    shapes = scanned.shapes[used] + np.tensordot(pushed.T, scanned.shapes[rest], 1)
+    shapes = compensated(scanned.shapes[used], scanned.shapes[rest], pushed)
     return choice, ModeShapes(scanned.x_mm, scanned.y_mm, shapes)
 
 

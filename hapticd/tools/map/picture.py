@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...design.felt_map import FeltMap
-from ...design.felt_places import ENOUGH_JND
+from ...design.felt_places import ENOUGH_JND, FeltMap
 from .. import plotting
 from .plate import MappedPlate
 

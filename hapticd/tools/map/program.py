@@ -77,7 +77,7 @@ def _map(options: argparse.Namespace) -> None:
 
 
 def _map_given(options: argparse.Namespace, mapped: MappedPlate) -> dict[str, FloatArray]:
-    from ...design.felt_map import felt_map
+    from ...design.felt_places import felt_map
     from .picture import FeltPanel, draw, felt_figure
 
     given, asked = options.finger, options.friction

@@ -13,6 +13,7 @@ from parasitic_plate import AWAY_HZ, OWN, plate, swept
 from hapticd.board_values import BoardHello, ModeCalibration
 from hapticd.design import wiring
 from hapticd.design.far_modes import with_far_modes
+from hapticd.design.parasitic_fit import NO_PARASITIC
 from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, as_likely, fit_wiring
 from hapticd.errors import DeviceError
 from hapticd.sim.board.board import PLATE_MODES_MAX, PlateModel
@@ -48,7 +49,7 @@ def test_modes_that_look_like_feedthrough_are_written_after_a_wider_sweep_alone(
 ) -> None:
     truth = plate(AWAY_HZ)
     if is_fitted:
-        monkeypatch.setattr(wiring, "find_parasitic", lambda *_: None)
+        monkeypatch.setattr(wiring, "find_parasitic", lambda *_: NO_PARASITIC)
     sweeps = swept(truth, 1.0 if is_fitted else 100.0)
     found = fit_wiring(sweeps)
     modes = found.calibrations()
