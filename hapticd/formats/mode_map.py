@@ -86,6 +86,27 @@ def write_grid(path: MapPath, grid: Grid) -> None:
         file.write(data)
 
 
+def read_swept(path: MapPath, modes: int | None = None) -> SweptModes:
+    """Read what a sweep shows of its first modes, or of all. Raises ModesError, also if it shows fewer."""
+
+    def decode(data: bytes, _: str) -> SweptModes:
+        arrays = {name: np.atleast_1d(array) for name, array in _decode_npz(data, (_SWEPT,)).items()}
+        shown_hz = arrays[_SWEPT[0]].ravel().tolist()
+        count = len(shown_hz) if modes is None else modes
+        if count > len(shown_hz):
+            named = ", ".join(f"{hz:.0f}" for hz in shown_hz)
+            raise ModesError(f"the scan has {modes} modes: scan those of the sweep, in its order, {named} Hz.")
+        return _swept({name: array[:count] for name, array in arrays.items()}, count)
+
+    return _read(Path(path), decode)
+
+
+def write_swept(path: Path, swept: SweptModes) -> None:
+    """Write what a sweep shows of modes as NPZ. Raises HapticdError."""
+    with opened(path) as file:
+        np.savez(file, **swept._asdict())
+
+
 def require_usable(grid: Grid, size_mm: Sequence[float]) -> None:
     """Raise ModesError for a map that can be read but not used: off the plate, of zeros, or of one shape twice."""
     x_mm, y_mm, shapes = grid
@@ -197,12 +218,11 @@ def _scattered(arrays: Arrays) -> Scan:
         raise ModesError(
             f"points_mm and readings are {points_mm.shape} and {readings.shape}; give (N, 2) and (N, modes)."
         )
-    return Scan(_real(points_mm), _numbers(readings), _swept(arrays, readings.shape[1]))
+    swept = _swept(arrays, readings.shape[1]) if _SWEPT[0] in arrays else None
+    return Scan(_real(points_mm), _numbers(readings), swept)
 
 
-def _swept(arrays: Arrays, modes: int) -> SweptModes | None:
-    if _SWEPT[0] not in arrays:
-        return None
+def _swept(arrays: Arrays, modes: int) -> SweptModes:
     swept = SweptModes(*(_real(arrays[name]) for name in _SWEPT))
     amplifiers = swept.gain_um_per_v_s.shape[-1] if swept.gain_um_per_v_s.ndim else 0
     is_whole = [one.shape for one in swept] == [(modes,), (modes,), (modes, amplifiers)] and 2 <= amplifiers <= modes

@@ -27,13 +27,14 @@ from ...design.free_fit import signed
 from ...design.mode_choice import CHOICE_PLACES, FINGER_KG_S, Choice, FeltTask, NearModes, choose
 from ...design.patch_reach import AMPLIFIER_V, PatchDrive
 from ...errors import CalibrationError, ModesError
-from ...formats.mode_map import LoweredScan, Scan, SweptModes, read_scan
+from ...formats.mode_map import LoweredScan, Scan, SweptModes, read_scan, read_swept
 from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...values import ComplexArray, FloatArray
 from .. import glass, plotting
 from ..progress import Progress
 from . import simulated
+from .resonance import SWEEP_FILE
 from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, judge
 from .universal_file import PER_METRE, SUFFIXES, read_universal
 
@@ -102,14 +103,22 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     plate = glass.chosen(options) if options.sim else None
     size_mm = options.size or (REFERENCE_SIZE_MM if plate is None else find_glass(plate.plate).size_mm)
-    scan, left_out = _read(options) if plate is None else (simulated.scan(options.seed, plate), {})
+    sweep = options.out / SWEEP_FILE
+    if plate is None:
+        scan, left_out = _read(options)
+    else:
+        swept_hz = read_swept(sweep).frequency_hz if sweep.exists() else None
+        scan, left_out = simulated.scan(options.seed, plate, swept_hz), {}
     if isinstance(scan, LoweredScan):
         scan = _with_signs(scan, size_mm)
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     with Progress("fitting the scan twice") as progress:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
     draw(scan, found, options.out / "modes.png", source=simulated.source(options))
-    choice, maps = (None, found.fit.modes) if scan.swept is None else chosen(found.fit, scan.swept, size_mm)
+    swept = scan.swept
+    if swept is None and sweep.exists():
+        swept = read_swept(sweep, scan.readings.shape[1])
+    choice, maps = (None, found.fit.modes) if swept is None else chosen(found.fit, swept, size_mm)
     maps.save(options.out / MODES_FILE)
     if choice is not None:
         error_rms = found.fit.map_error_rms[list(choice.used)]
@@ -118,14 +127,14 @@ def run(options: argparse.Namespace) -> Verdict:
 
 
 def chosen(fit: CartographyFit, swept: SweptModes, size_mm: tuple[float, float]) -> tuple[Choice, ModeShapes]:
-    """Return which of the scanned modes are driven, and their maps, with what the patches push of the others. Raises
-    CalibrationError."""
-    hz, gain_um_per_v_s = swept.frequency_hz, swept.gain_um_per_v_s
+    """Return which of the scanned modes are driven, and their maps, with what the patches push of the others: in the
+    scan's scale, in which `swept` is. Raises CalibrationError."""
+    peaks = np.abs(fit.modes.shapes).max(axis=(1, 2))
+    hz, gain_um_per_v_s = swept.frequency_hz, swept.gain_um_per_v_s * peaks[:, None]
     driven = PatchDrive(
         hz, math.pi * hz / swept.q_factor, gain_um_per_v_s, np.full(gain_um_per_v_s.shape[1], AMPLIFIER_V)
     )
-    signs, task = np.where(fit.scale.real < 0.0, -1.0, 1.0), FeltTask()
-    scanned = ModeShapes(fit.modes.x_mm, fit.modes.y_mm, fit.modes.shapes * signs[:, None, None])
+    task, scanned = FeltTask(), ModeShapes(fit.modes.x_mm, fit.modes.y_mm, fit.modes.shapes / peaks[:, None, None])
     found = touches(scanned, size_mm, task.radius_mm, len(task.targets_um), CHOICE_PLACES, task.seed)
     near = NearModes(driven, found, FINGER_KG_S / (math.prod(size_mm) * USUAL_KG_MM2))
     choice = choose(near, task)
@@ -136,8 +145,9 @@ def chosen(fit: CartographyFit, swept: SweptModes, size_mm: tuple[float, float])
         )
     used, rest = list(choice.used), near.undriven(choice.used)
     pushed = near.pushed(used, choice.drive_hz).real
-    shapes = compensated(scanned.shapes[used], scanned.shapes[rest], pushed)
-    return choice, ModeShapes(scanned.x_mm, scanned.y_mm, shapes)
+    shapes = compensated(scanned.shapes[used], scanned.shapes[rest], pushed) * peaks[used, None, None]
+    limits_um = (np.array(choice.limits_um) / peaks[used]).tolist()
+    return replace(choice, limits_um=tuple(limits_um)), ModeShapes(scanned.x_mm, scanned.y_mm, shapes)
 
 
 def parse_size(text: str) -> tuple[float, float]:
@@ -191,6 +201,7 @@ def verdict(
     """Judge whether these are modes of one plate, here the `simulated` one, and the map's expected leak; `choice`:
     which of them are driven."""
     fit = found.fit
+    share = 100.0 / np.abs(fit.modes.shapes).max(axis=(1, 2))
     figures = [
         Figure("points", float(points), ""),
         Figure("points left out", float(fit.left_out), ""),
@@ -202,10 +213,12 @@ def verdict(
     for mode in range(fit.modes.M):
         name, correlation = found.like[mode] if found.like else ("none", math.nan)
         figures += [
-            Figure(f"mode {mode + 1} noise of a reading", 100.0 * fit.noise_rms[mode], "% of the peak"),
-            Figure(f"mode {mode + 1} error of the map", 100.0 * fit.map_error_rms[mode], "% of the peak"),
-            Figure(f"mode {mode + 1} other fit differs by", 100.0 * found.other_differs_rms[mode], "% of the peak"),
-            Figure(f"mode {mode + 1} residual", 100.0 * fit.residual_rms[mode], "% of the peak"),
+            Figure(f"mode {mode + 1} noise of a reading", share[mode] * fit.noise_rms[mode], "% of the peak"),
+            Figure(f"mode {mode + 1} error of the map", share[mode] * fit.map_error_rms[mode], "% of the peak"),
+            Figure(
+                f"mode {mode + 1} other fit differs by", share[mode] * found.other_differs_rms[mode], "% of the peak"
+            ),
+            Figure(f"mode {mode + 1} residual", share[mode] * fit.residual_rms[mode], "% of the peak"),
             Figure(f"mode {mode + 1} is like {name}", 100.0 * correlation, "%"),
         ]
     figures += [

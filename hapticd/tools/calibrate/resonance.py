@@ -18,10 +18,13 @@ import numpy as np
 from ... import board_protocol as protocol
 from ...board_protocol import ControllerRequest, Sweep
 from ...board_values import BoardCalibration, BoardController, BoardHello, ModeCalibration
+from ...design.far_modes import with_far_modes
 from ...design.resonance import Resonance, largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from ...errors import DeviceError
 from ...files import calibration
+from ...formats.mode_map import SweptModes, write_swept
+from ...sim.board.board import PLATE_MODES_MAX
 from .. import glass
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
@@ -31,7 +34,7 @@ from .bench import Bench, add_board, at_bench
 from .step import PICTURE, Figure, Finding, FoundSettings, Outcome, Step, Verdict, add_config, judge
 from .trial import NO_REMARK, Tried, try_out
 
-CALIBRATION_FILE = "calibration.toml"
+CALIBRATION_FILE, SWEEP_FILE = "calibration.toml", "sweep.npz"
 
 CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # residual of the circle over the largest response
 ENOUGH = 1.01  # times the amplifiers' voltage: a sweep is no more exact
@@ -59,13 +62,14 @@ class Drives(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class MeasuredModes:
     """Each mode as its strongest amplifier shows it, its calibration with the wires, a sentence per wrong wire, the
-    frequencies of parasitic modes, and what the loop makes of all this."""
+    frequencies of parasitic modes, what the loop makes of all this, and all modes of narrow and wide sweeps."""
 
     sweeps: tuple[ModeSweep, ...]
     modes: tuple[ModeCalibration, ...]
     wrong_wires: tuple[str, ...] = ()
     parasitic_hz: tuple[float, ...] = ()
     trial: Tried = NO_REMARK
+    shown: SweptModes | None = None
 
 
 def run(options: argparse.Namespace) -> Verdict:
@@ -75,6 +79,8 @@ def run(options: argparse.Namespace) -> Verdict:
     sweep.draw(measured.sweeps, options.out / "resonance.png", **PICTURE)
     found = BoardCalibration(measured.modes, drives_of(hello, measured.modes).set_hz)
     calibration.save(options.out / CALIBRATION_FILE, found)
+    if measured.shown is not None:
+        write_swept(options.out / SWEEP_FILE, measured.shown)
     law = {"controller": measured.trial.controller} if measured.trial.controller else {}
     simulated = glass.settings(glass.chosen(options)) if options.sim else {}
     settings = {"device": {**bench.device, **law, "calibration_file": CALIBRATION_FILE}, **simulated}
@@ -108,12 +114,14 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> MeasuredModes:
     wide = Sweep(0, *_bounds_hz(board.hello), WIDE_POINTS, dwell_ms, plan.voltage_v)
     around = [await _swept(board, [replace(wide, mode=amplifier)]) for amplifier in amplifiers]
     driven_hz = drives_of(board.hello, modes).set_hz or board.hello.drive_hz
-    trial = try_out(swept, found, modes, board.hello, driven_hz, around)
+    wider = with_far_modes(found, [*swept, *around], PLATE_MODES_MAX - len(modes))
+    trial = try_out(swept, found, modes, board.hello, driven_hz, wider)
     sweeps = []
     for mode, fit in enumerate(found.fits):
         own = swept[found.strongest(mode)]
         sweeps.append(ModeSweep(mode, own.frequency_hz, found.modal(mode, own), fit))
-    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()), tuple(found.parasitic_hz()), trial)
+    wrong, parasitic_hz, shown = found.wrong_wires(), found.parasitic_hz(), SweptModes(*wider.swept())
+    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(wrong), tuple(parasitic_hz), trial, shown)
 
 
 def _bounds_hz(hello: BoardHello) -> tuple[float, float]:
@@ -184,6 +192,8 @@ def verdict(hello: BoardHello, measured: MeasuredModes, settings: FoundSettings,
     both = zip(measured.sweeps, measured.modes, strict=True)
     figures = [figure for one, mode in both for figure in _figures(one, mode, hello)]
     figures += [Figure("parasitic mode", frequency_hz, "Hz") for frequency_hz in measured.parasitic_hz]
+    undriven_hz = () if measured.shown is None else measured.shown.frequency_hz[len(measured.modes) :].tolist()
+    figures += [Figure("undriven mode, to scan as well", hz, "Hz") for hz in undriven_hz]
     figures += [
         Figure("drive now", hello.drive_hz, "Hz"),
         Figure("drive proposed", best_hz, "Hz"),
@@ -245,6 +255,6 @@ STEP = Step(
     arguments=(add_board, add_config, _add_sweep, glass.add_arguments),
     check=lambda _: None,
     run=run,
-    files=(CALIBRATION_FILE,),
+    files=(CALIBRATION_FILE, SWEEP_FILE),
     back_to="wires",
 )

@@ -25,7 +25,7 @@ from ...values import FloatArray, TouchFrame
 from ...wire.trackpad import DEFAULT_PAD, Decoder
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
-DRIVE_PHASE_RAD, PHASE_STEP_RAD = 0.4, -1.5  # of the first mode's readings, caused by the drive, and to the next mode's
+DRIVE_PHASE_RAD, PHASE_STEP_RAD = 0.4, -0.15  # of the first mode's readings, by the electronics, and to the next mode's
 
 HOLD_S, AWAY_S = 0.9, 0.5  # time of a finger on a mark, and between two marks
 TREMOR_MM = 0.05
@@ -41,11 +41,16 @@ def source(options: argparse.Namespace) -> str:
     return f"simulated, seed {options.seed}" if options.sim else ""
 
 
-def scan(seed: int, plate: SimConfig) -> Scan:
-    """Return complex readings of all modes near the drive, and what a sweep shows of them."""
-    truth = GroundTruth(PlateSettings.of(plate.plate, plate.modes or None))
+def scan(seed: int, plate: SimConfig, swept_hz: FloatArray | None = None) -> Scan:
+    """Return complex readings of all modes near the drive, and what a sweep shows of them; or those of the modes that
+    a sweep has at `swept_hz`, over what the sensors show of each."""
+    truth = GroundTruth(PlateSettings.of(plate.plate, plate.modes or None, plate.wiring))
     glass = truth.settings.plate
-    names = find_glass(glass).modes[: len(truth.frequency_hz)]
+    read, scale = np.arange(len(truth.frequency_hz)), np.ones(len(truth.frequency_hz))
+    if swept_hz is not None:
+        read = np.abs(truth.frequency_hz - swept_hz[:, None]).argmin(axis=1)
+        scale = 1.0 / np.linalg.norm(truth.sensor, axis=0)[read]
+    names = [find_glass(glass).modes[mode] for mode in read]
     phase_rad = DRIVE_PHASE_RAD + PHASE_STEP_RAD * np.arange(len(names))
     points_mm, readings = sample_scan(
         [theory(name, glass)[1] for name in names],
@@ -53,11 +58,12 @@ def scan(seed: int, plate: SimConfig) -> Scan:
         seed=seed,
         missing_frac=SCAN_MISSING_FRAC,
         dropout_frac=SCAN_DROPOUT_FRAC,
-        scale=np.exp(1j * phase_rad).tolist(),
+        scale=(scale * np.exp(1j * phase_rad)).tolist(),
     )
+    if swept_hz is not None:
+        return Scan(points_mm, readings)
     q_factor = math.pi * truth.frequency_hz / truth.decay_1_s
-    gain_um_per_v_s = truth.gain_um_per_v_s * np.sign(np.cos(phase_rad))[:, None]
-    return Scan(points_mm, readings, SweptModes(truth.frequency_hz, q_factor, gain_um_per_v_s))
+    return Scan(points_mm, readings, SweptModes(truth.frequency_hz, q_factor, truth.gain_um_per_v_s))
 
 
 def touch_reports(

@@ -19,7 +19,6 @@ import numpy as np
 from ...board_protocol import FAULTS, LogRequest
 from ...board_values import BoardHello, BoardLog, ModeCalibration
 from ...config.sections import DeviceConfig
-from ...design.far_modes import with_far_modes
 from ...design.wiring import AmplifierSweep, MeasuredWiring, as_likely
 from ...errors import DeviceError
 from ...sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, PlateModel
@@ -51,16 +50,13 @@ def try_out(
     modes: Sequence[ModeCalibration],
     hello: BoardHello,
     drive_hz: float,
-    wide: Sequence[AmplifierSweep] = (),
+    wider: MeasuredWiring | None = None,
 ) -> Tried:
-    """Try the fitted modes, driven at `drive_hz`, with all that `wide` sweeps show. Raises DeviceError if no law holds
-    them: without wide sweeps, if the service's does not.
+    """Try the fitted modes, driven at `drive_hz`, with all that `wider` sweeps show. Raises DeviceError if no law holds
+    them: without wider sweeps, if the service's does not.
     """
     others = as_likely(sweeps, found)
-    tried = found
-    if wide:
-        tried = with_far_modes(found, [*sweeps, *wide], PLATE_MODES_MAX - len(modes))
-        tried = replace(tried, parasitic=tried.parasitic.scaled(1.0, MARGIN))
+    tried = found if wider is None else replace(wider, parasitic=wider.parasitic.scaled(1.0, MARGIN))
     try:
         own = fault_on([tried], modes, hello, LAW, drive_hz)
         fault = own or fault_on(others, modes, hello, LAW, drive_hz)
@@ -69,7 +65,7 @@ def try_out(
     if not fault:
         return NO_REMARK
     near = ", ".join(f"{hz:.0f} Hz" for hz in tried.parasitic_hz()) or "near those swept"
-    for slower in SLOWER if wide and own else ():
+    for slower in SLOWER if wider and own else ():
         if not fault_on([tried, *others], modes, hello, slower, drive_hz):
             return Tried(
                 f"{LAW} would make the modes swing that no amplifier is for ({near}; fault {fault}), or nearly: "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +11,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from hapticd.__main__ import main
 from hapticd.config.sections import SimConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose, free_plate_modes
 from hapticd.design.contact_pairs import random_fingers
 from hapticd.errors import CalibrationError, ModesError
-from hapticd.formats.mode_map import LoweredScan, Scan, SweptModes, read_scan
-from hapticd.sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
-from hapticd.tools.calibrate import folder, modes, simulated
+from hapticd.formats.mode_map import LoweredScan, Scan, SweptModes, read_scan, read_swept
+from hapticd.sim.plate.ground_truth import DRIVEN_MODES, GroundTruth, PlateSettings
+from hapticd.tools.calibrate import folder, modes, resonance, simulated
 from hapticd.tools.calibrate.modes import TARGETS_UM, ExpectedLeak, expected_leak, fit_map, solved_um
 from hapticd.tools.calibrate.step import Outcome
 
@@ -110,12 +112,31 @@ def test_modes_that_amplifiers_move_are_used_and_the_others_are_compensated(
     assert choice.drive_hz == pytest.approx(32735.0, abs=30.0)
     rest = "mode 1 stays undriven, its share is compensated"
     assert choice.sentence(5) == f"use modes 2, 3, 4, 5; drive {choice.drive_hz:.0f} Hz; {rest}"
-    pushed = maps.shapes - (np.where(fit.scale.real < 0, -1.0, 1.0)[:, None, None] * fit.modes.shapes)[1:]
+    pushed = maps.shapes - fit.modes.shapes[1:]
     assert np.linalg.matrix_rank(pushed.reshape(4, -1), tol=1e-6) == 1
     damaged = swept._replace(q_factor=np.zeros(5))
     np.savez(tmp_path / "scan.npz", points_mm=scan.points_mm, readings=scan.readings[:, order], **damaged._asdict())
     with pytest.raises(ModesError, match="frequency_hz, q_factor, gain_um_per_v_s: give"):
         read_scan(tmp_path / "scan.npz")
+
+
+def test_resonance_tells_modes_what_to_drive_and_what_is_compensated(tmp_path: Path) -> None:
+    """The sensors of a copy see its undriven modes by a hundredth."""
+    named = ["--sim", "--plate", "fingertip", "--copy", "17", "--out", str(tmp_path)]
+    assert main(["calibrate", "resonance", *named, "--points", "21", "--dwell", "66"]) == 0
+    swept = read_swept(tmp_path / resonance.SWEEP_FILE)
+    told = [figure.value for figure in folder.load(tmp_path)["resonance"].figures if "to scan" in figure.name]
+    assert told == pytest.approx(swept.frequency_hz[4:])
+    assert main(["calibrate", "modes", *named]) == 0
+    verdict = folder.load(tmp_path)["modes"]
+    assert verdict.outcome is Outcome.PASS
+    assert re.match(r"use modes 1, 2, 3, 4; drive \d+ Hz; modes? 5.* undriven, .* compensated", verdict.sentence)
+    truth = GroundTruth(PlateSettings.of("fingertip#17"))
+    assert swept.frequency_hz[:4] == pytest.approx(truth.frequency_hz[:4], abs=0.5)
+    found, true = (one.evaluate(POINTS_MM) for one in (ModeShapes.load(tmp_path / "modes.npz"), truth.true_mode_map()))
+    assert np.abs(found - true).max() < 0.5 * np.abs(truth.true_mode_map(4).evaluate(POINTS_MM) - true).max()
+    with pytest.raises(ModesError, match="the scan has 9 modes: scan those of the sweep"):
+        read_swept(tmp_path / resonance.SWEEP_FILE, 9)
 
 
 def same_twice(fit: CartographyFit) -> CartographyFit:

@@ -100,8 +100,9 @@ def test_modes_far_beyond_the_sweep_with_which_the_loop_swings_are_found_and_a_s
     modes = found.calibrations()
     assert try_out(sweeps, found, modes, hello, OWN.drive_hz) == NO_REMARK
     assert ends(truth, modes, monkeypatch, hello) == 7
-    assert with_far_modes(found, [*sweeps, *wide], 4).parasitic_hz() == pytest.approx([27405.0, 29805.0], abs=2.0)
-    said = try_out(sweeps, found, modes, hello, OWN.drive_hz, wide)
+    wider = with_far_modes(found, [*sweeps, *wide], 4)
+    assert wider.parasitic_hz() == pytest.approx([27405.0, 29805.0], abs=2.0)
+    said = try_out(sweeps, found, modes, hello, OWN.drive_hz, wider)
     assert said.sentence.startswith("deadbeat would make the modes swing that no amplifier is for (27405 Hz, 29805 Hz;")
     assert said.controller in ("pi_ff", "pi")
     assert ends(truth, modes, monkeypatch, hello, said.controller) == 0
@@ -113,8 +114,9 @@ def test_a_plate_that_bears_the_law_keeps_it(away_hz: tuple[float, ...], noise: 
     truth = replace(plate(away_hz), sensor=np.hstack([np.eye(2), 0.05 * np.ones((2, len(away_hz)))]))
     sweeps, wide = swept(truth, noise), swept(truth, noise, 2000.0, 101)
     found = fit_wiring(sweeps)
-    assert try_out(sweeps, found, found.calibrations(), HELLO, OWN.drive_hz, wide) == NO_REMARK
-    assert len(with_far_modes(found, [*sweeps, *wide], 4).parasitic_hz()) == len(away_hz)
+    wider = with_far_modes(found, [*sweeps, *wide], 4)
+    assert try_out(sweeps, found, found.calibrations(), HELLO, OWN.drive_hz, wider) == NO_REMARK
+    assert len(wider.parasitic_hz()) == len(away_hz)
 
 
 def test_what_cannot_be_tried_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
