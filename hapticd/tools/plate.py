@@ -7,29 +7,33 @@ differ by some per cent: measure its modes with `hapticd calibrate modes`. The m
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import math
 from dataclasses import replace
 from pathlib import Path
 
 from ..config import person
-from ..config.sections import PlateConfig
+from ..config.sections import LEAST_MODES, MOST_MODES, PlateConfig
 from ..core.friction import FrictionCurve
 from ..design.campaign import TaskRunner
 from ..design.felt_search import ORDERABLE, FeltDesign, Kit, search
 from ..design.felt_tolerances import felt_tolerances
+from ..design.glued_plate import GluedPlate, Patch
+from ..design.materials import find_material
 from ..design.mode_choice import FARTHEST_HZ, SEED, FeltTask
 from ..design.plate_bounds import bounds
 from ..errors import CalibrationError, UsageError
 from ..formats.mode_map import FORMATS
-from . import campaigns, outputs, plate_arguments, plate_files, plate_places, plate_tables, plate_verdict
+from . import campaigns, outputs, plate_files, plate_places, plate_tables, plate_verdict
 from .arguments import add_command, number, whole
 from .map import program as map_program
-from .plate_arguments import DRIVES
 from .plate_verdict import FeltMotion
 from .progress import Progress
 
 TARGETS = "1um,0um"
 SIZES, THICKNESSES, MODES = "200..220", "2..3", "8"  # searched without options: a minute
+DRIVES = "27000..33000"  # in Hz: 30 kHz is above hearing, and amplifiers and patches are made for it
+SIZE_STEP_MM, THICKNESS_STEP_MM = 10.0, 0.5
+MOST_PLATES = 2000
 MOST_FINGERS = 5
 MOST_TARGET_UM = 20.0
 TOML = (".toml",)
@@ -127,7 +131,11 @@ def run(options: argparse.Namespace) -> None:
         plate_tables.write_json(designs, task, asked, motion, study, placement, options.json)
     heading = f"# {judged[-1]}"
     if options.glass is not None:
-        outputs.write_text("\n".join((heading, *_glass(best))) + "\n", options.glass)
+        try:
+            lines = plate_files.glass_lines(best, tuple(round(um, 3) for um in best.reach_um))
+        except ValueError as error:
+            raise CalibrationError(f"--glass: {error}.") from None
+        outputs.write_text("\n".join((heading, *lines)) + "\n", options.glass)
     if options.plot is not None:
         plate_places.draw(best, placement, options.plot)
     if options.out is not None:
@@ -136,9 +144,9 @@ def run(options: argparse.Namespace) -> None:
 
 def _searched(options: argparse.Namespace, task: FeltTask, campaign: TaskRunner) -> list[FeltDesign]:
     """Return the designs, the best first. Raises HapticdError."""
-    counts = plate_arguments.modes(options.modes)
-    drive_hz = plate_arguments.span(options.drive, "--drive", 100.0, 1e6)
-    plates, kits = plate_arguments.plates(options), _kits(options.place)
+    counts = _modes(options.modes)
+    drive_hz = _span(options.drive, "--drive", 100.0, 1e6)
+    plates, kits = _plates(options), _kits(options.place)
     try:
         designs = search(plates, counts, drive_hz, task, kits, campaign)
     except ValueError as error:
@@ -172,18 +180,74 @@ def _kits(text: str | None) -> list[Kit]:
     if text is None:
         return list(ORDERABLE)
     try:
-        return [plate_arguments.dimensions_mm(part) for part in text.split("/")]
+        return [_dimensions_mm(part) for part in text.split("/")]
     except (ValueError, argparse.ArgumentTypeError):
         raise UsageError(f"--place: {text!r}: write sizes of patches in mm, such as 10x10x0.3/20x10x0.5.") from None
 
 
-def _glass(design: FeltDesign) -> list[str]:
-    """Return the lines of --glass. Raises CalibrationError."""
+def _plates(options: argparse.Namespace) -> list[GluedPlate]:
+    """Return the plates to compare, each size once: 200 x 150 is 150 x 200 turned."""
     try:
-        return plate_files.glass_lines(design, _rounded(design.reach_um))
+        materials = [find_material(name) for name in options.material.split("/")]
     except ValueError as error:
-        raise CalibrationError(f"--glass: {error}.") from None
+        raise CalibrationError(f"This plate cannot be designed: {error}") from None
+    thicknesses_mm = _values(options.thickness, "--thickness", THICKNESS_STEP_MM, 0.01, 100.0)
+    edges = options.size.lower().split("x")
+    if len(edges) > 2:
+        raise UsageError(f"--size: {options.size!r} has more than two edges: write 200x200, 150..240 or 150..240x200.")
+    spans = [_values(edge, "--size", SIZE_STEP_MM, 10.0, 1000.0) for edge in edges]
+    if len(spans) == 1:
+        sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[0] if depth_mm <= width_mm]
+    else:
+        sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[1]]
+    patches = tuple(_patch(text) for text in options.patch or ())
+    plates = [
+        GluedPlate(size, thick_mm, of, patches) for size in sizes for thick_mm in thicknesses_mm for of in materials
+    ]
+    if len(plates) > MOST_PLATES:
+        raise UsageError(f"--size: {len(plates)} plates are too many: narrow the ranges to {MOST_PLATES}.")
+    return plates
 
 
-def _rounded(values_um: Sequence[float]) -> tuple[float, ...]:
-    return tuple(round(um, 3) for um in values_um)
+def _dimensions_mm(text: str) -> tuple[float, float, float]:
+    """Return a patch's width, depth and thickness. Raises ValueError and ArgumentTypeError."""
+    width_mm, depth_mm, thickness_mm = (number(0.01, 1000.0)(part) for part in text.lower().split("x"))
+    return width_mm, depth_mm, thickness_mm
+
+
+def _patch(text: str) -> Patch:
+    try:
+        x_mm, y_mm, dimensions = text.split(",")
+        width_mm, depth_mm, thickness_mm = _dimensions_mm(dimensions)
+        place_mm = number(-500.0, 500.0)(x_mm), number(-500.0, 500.0)(y_mm)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise UsageError(
+            f"--patch: {text!r} is no patch: write position and dimensions in mm, such as 90,90,10x10x0.3."
+        ) from None
+    return Patch(*place_mm, (width_mm, depth_mm), thickness_mm)
+
+
+def _modes(text: str) -> list[int]:
+    """Return the numbers of modes of --modes. Raises UsageError."""
+    values = _values(text, "--modes", 1.0, LEAST_MODES, MOST_MODES)
+    if any(value != round(value) for value in values):
+        raise UsageError(f"--modes: {text!r} is not a whole number, or a range of them such as 4..6.")
+    return [round(value) for value in values]
+
+
+def _values(text: str, name: str, step: float, low: float, high: float) -> list[float]:
+    """Return one number, or those of a range such as 150..240, whose last is included."""
+    first, last = _span(text, name, low, high)
+    return [first + step * index for index in range(math.floor((last - first) / step + 1e-9) + 1)]
+
+
+def _span(text: str, name: str, low: float, high: float) -> tuple[float, float]:
+    """Return both ends of a range such as 150..240, of one number twice. Raises UsageError."""
+    parsed = number(low, high)
+    try:
+        ends = [parsed(part) for part in text.split("..")]
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f"{name}: {error}.") from None
+    if len(ends) > 2 or ends[-1] < ends[0]:
+        raise UsageError(f"{name}: {text!r} is no range: write the lower end first, such as 150..240.")
+    return ends[0], ends[-1]
