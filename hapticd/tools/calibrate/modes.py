@@ -109,15 +109,15 @@ def run(options: argparse.Namespace) -> Verdict:
     else:
         swept_hz = read_swept(sweep).frequency_hz if sweep.exists() else None
         scan, left_out = simulated.scan(options.seed, plate, swept_hz), {}
+    swept = scan.swept
     if isinstance(scan, LoweredScan):
-        scan = _with_signs(scan, size_mm)
+        scan = _with_signs(scan, size_mm)  # of its own: a sweep's gains have other ones
+    elif swept is None and sweep.exists():
+        swept = read_swept(sweep, scan.readings.shape[1])
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     with Progress("fitting the scan twice") as progress:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
     draw(scan, found, options.out / "modes.png", source=simulated.source(options))
-    swept = scan.swept
-    if swept is None and sweep.exists():
-        swept = read_swept(sweep, scan.readings.shape[1])
     choice, maps = (None, found.fit.modes) if swept is None else chosen(found.fit, swept, size_mm)
     maps.save(options.out / MODES_FILE)
     if choice is not None:
