@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_config_arguments(parser)
     what = "duration (default 10); move two fingers meanwhile"
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
-    what_if = "touch nothing: simulate what faster and slower pads and lines would give, in two minutes"
+    what_if = "without devices: simulate what other pads and lines would give, in two minutes on two cores"
     parser.add_argument("--what-if", action="store_true", help=what_if)
     outputs.add_json(parser)
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")

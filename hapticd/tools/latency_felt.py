@@ -49,7 +49,7 @@ def felt_frac(one: PadAndLine) -> float:
 
 
 def table() -> dict[PadAndLine, float]:
-    """Return the share for each of them; takes some two minutes of processor time."""
+    """Return the share for each of them; takes some three minutes of processor time."""
     pads = [PadAndLine(*one) for one in itertools.product(RATES_HZ, AGES_MS, LINKS)]
     jobs = len(os.sched_getaffinity(0))
     return dict(zip(pads, campaigns.run("what if", felt_frac, pads, jobs=jobs), strict=True))
