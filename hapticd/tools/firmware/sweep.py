@@ -115,7 +115,7 @@ async def measured(board: Conversation, sweep: Sweep, *, show: Callable[[str], N
                 is_over = True
                 end_s = min(end_s, loop.time() + LAST_POINTS_S)  # a STATUS overtakes points on their way to the line
     if is_over and (not points or points[-1].index + 1 < sweep.points):
-        raise SweepEndedError("The board ended the sweep: see `hapticd firmware info` for a fault or its log.")
+        raise SweepEndedError("The board ended the sweep: this computer is busy, or `hapticd firmware info` says why.")
     if len(points) < sweep.points:
         lost = sweep.points - len(points)
         raise DeviceError(f"{lost} of the sweep's points never arrived: use a longer --dwell, or a faster --baud.")
