@@ -1,51 +1,75 @@
 """A participant's friction curve without a force sensor: which is more slippery, the plate or a reference beside it?
 
-The running service drives the plate; its amplitude is what telemetry says of the finger's contact.
+The running service drives the plate; its amplitude is what telemetry says of the finger's contact. The person answers
+at the terminal or on a page, while which is closed the comparison waits and the plate is quiet.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import math
 from dataclasses import replace
-from itertools import islice
+from itertools import count
 from statistics import fmean
+from typing import TYPE_CHECKING
 
 from hapticd_client import Client
 from hapticd_client import HapticdError as ClientError
 
 from ...design import person as design
 from ...design.person import FULL_UM, Answer, Ask, Match
-from ...errors import CalibrationError, HapticdError
+from ...errors import CalibrationError, HapticdError, UsageError
 from ...sim.observer import KINDS, REFERENCE, SimulatedObserver
 from .. import arguments
 from . import folder
 from .step import Figure, MissingInput, Outcome, Step, Verdict, add_participant
 
+if TYPE_CHECKING:
+    from ..web.questions import QuestionPage
+
+SURFACE = "even"
+ANSWERS = {"p": "plate", "r": "reference"}  # keys of the terminal, buttons of the page
 STROKED = 90  # states with one finger on the plate, a second, over which its amplitude is averaged
+SILENT_S = 10.0  # of a busy service: a person who answered for minutes is not sent away
 UNSURE_FRAC = 0.15  # of the interval, to one side
 
 
 def check(options: argparse.Namespace) -> None:
-    """Check the arguments. Raises CalibrationError."""
+    """Check the arguments. Raises HapticdError."""
     if options.participant is None:
         raise MissingInput("No participant is given: add --participant NAME.")
     if options.check and "person" not in folder.load(options.out):
         raise CalibrationError(f"{options.out}: has no curve to check: run it without --check before.")
+    if options.browser and options.sim:
+        raise UsageError("--browser: a person answers there, and with --sim a simulated one: leave out one of them.")
 
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
     if options.sim:
         return measured(SimulatedObserver(KINDS["usual"], options.seed).compare, options)
+    if options.browser:
+        from ..web.questions import QuestionPage
+
+        page = QuestionPage(__package__, "calibrate person")
+        return asyncio.run(page.serve(lambda: _asked(page, options)))
     print("One finger strokes the plate, then the reference, as often as you like; the other hand types.")
+    return _asked(Terminal(), options)
+
+
+def _asked(front: Terminal | QuestionPage, options: argparse.Namespace) -> Verdict:
+    of, done = design.CHECK_TRIALS if options.check else design.TRIALS, count()
     try:
         with Client(options.endpoint, name="calibrate-person") as client:
-            return measured(lambda amplitude_um: asked(client, amplitude_um), options)
+            found = measured(lambda um: compared(front, client, um, done=next(done), of=of), options)
     except ClientError as error:
         raise HapticdError(str(error)) from None
     except EOFError:
         raise CalibrationError("The input ended before the last comparison: nothing is changed.") from None
+    floors = [math.exp(-FULL_UM / (figure.value or math.nan)) for figure in found.figures]
+    front.show(heading=found.sentence, done=of, of=of, is_ready=False, full_um=FULL_UM, floors=floors)
+    return found
 
 
 def measured(ask: Ask, options: argparse.Namespace) -> Verdict:
@@ -73,22 +97,54 @@ def verdict(found: Match, options: argparse.Namespace) -> Verdict:
     return Verdict("person", outcome, sentence, figures, {"plate": plate}, options.sim)
 
 
-def asked(client: Client, amplitude_um: float) -> Answer:
-    """Ask the person at the terminal. Raises EOFError at the input's end."""
-    client.surface("even", amplitude_um=amplitude_um)
-    print("\nStroke the plate ...", flush=True)
-    fingers = ([finger for finger in state.fingers if not finger.virtual] for state in client.states())
-    alone_um = (one[0].contact_um for one in fingers if len(one) == 1)
-    felt_um = fmean(islice((um for um in alone_um if um is not None), STROKED))
-    while (key := input("Which is more slippery, plate or reference? [p/r] ").strip().lower()) not in ("p", "r"):
-        pass
-    return Answer(felt_um, key == "p")
+class Terminal:
+    """The front of a person who types."""
+
+    is_open = True
+
+    def __init__(self) -> None:
+        self._is_ready = False
+
+    def show(self, *, heading: str, is_ready: bool, done: int, of: int, **_: object) -> None:
+        self._is_ready = is_ready
+        if done < of:  # the verdict is printed as of every step
+            print(heading if is_ready else f"\n{heading}", flush=True)
+
+    def pressed(self) -> str:
+        """Return the answer, "" while there is no question. Raises EOFError at the input's end."""
+        key = ""
+        while self._is_ready and not (key := ANSWERS.get(input("[p/r] ").strip().lower(), "")):
+            pass
+        return key
+
+
+def compared(front: Terminal | QuestionPage, client: Client, amplitude_um: float, **progress: int) -> Answer:
+    """Ask the person, who may close a page and come back. Raises HapticdError."""
+    felt_um: list[float] = []
+    is_laid: bool | None = None  # not known: the page may have been closed since the comparison before
+    for state in client.states(SILENT_S):
+        if is_laid is not front.is_open:
+            is_laid = front.is_open
+            client.surface(SURFACE, amplitude_um=amplitude_um) if is_laid else client.remove(SURFACE)
+            felt_um.clear()
+            front.show(heading="Stroke the plate …", is_ready=False, **progress)
+        key = front.pressed()
+        if is_laid and len(felt_um) < STROKED:
+            fingers = [finger for finger in state.fingers if not finger.virtual]
+            if len(fingers) == 1 and fingers[0].contact_um is not None:
+                felt_um.append(fingers[0].contact_um)
+            if len(felt_um) == STROKED:
+                front.show(heading="Which is more slippery, plate or reference?", is_ready=True, **progress)
+        elif is_laid and key in ANSWERS.values():
+            break
+    return Answer(fmean(felt_um), key == ANSWERS["p"])
 
 
 def _add_reference(parser: argparse.ArgumentParser) -> None:
     kind = arguments.number(design.LEAST_REFERENCE, design.MOST_REFERENCE)
     help_text = f"of the sample beside the plate, relative to bare glass (default {REFERENCE:g})"
     parser.add_argument("--reference", type=kind, default=REFERENCE, metavar="FRICTION", help=help_text)
+    parser.add_argument("--browser", action="store_true", help="answer on a page beside the plate")
     parser.add_argument("--check", action="store_true", help=f"only compare {design.CHECK_TRIALS} times more")
     arguments.add_endpoint(parser)
 

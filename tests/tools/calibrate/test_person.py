@@ -1,15 +1,20 @@
-"""A participant's file: from comparisons at the terminal, or from a force sensor, and what the service takes of it."""
+"""A participant's file: of comparisons at the terminal or on a page, or of a force sensor; what the service takes."""
 
 from __future__ import annotations
 
+import asyncio
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import SplitResult, urlsplit
 
 import numpy as np
 import pytest
+from aiohttp import ClientSession
+from asynchronous import until
 
 from hapticd.__main__ import main
 from hapticd.config import person as participants
@@ -46,44 +51,76 @@ def test_comparisons_and_a_force_sensor_give_the_same_file_and_agree(tmp_path: P
     assert "is of 2026-01-02" in participants.find("anna", plate)[1]
 
 
-def test_the_person_at_the_terminal_strokes_an_even_plate_and_a_check_keeps_the_curve(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+class Plate:
+    """A client of a plate that one finger strokes, and an observer, who answers by what it then feels."""
+
+    def __init__(self) -> None:
+        self.laid_um, self.gain = [0.0], 1.0
+        self.observer = SimulatedObserver(KINDS["keen"], SEED)
+
+    def __enter__(self) -> Plate:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.laid_um.append(0.0)
+
+    def surface(self, _: str, *, amplitude_um: float) -> None:
+        self.laid_um.append(amplitude_um)
+
+    def remove(self, _: str) -> None:
+        self.laid_um.append(0.0)
+
+    def states(self, _: float) -> Iterator[Any]:
+        one = SimpleNamespace(virtual=False, contact_um=0.95 * self.laid_um[-1])
+        yield SimpleNamespace(fingers=(one, one))
+        while True:
+            time.sleep(0.0)  # the page's thread goes on
+            one.contact_um = 0.95 * self.laid_um[-1]
+            yield SimpleNamespace(fingers=(one,))
+
+    def answer(self, _: str = "") -> str:
+        return "P " if self.observer.compare(self.gain * 0.95 * self.laid_um[-1]).is_slipperier else "r"
+
+    def visit(self, link: str) -> None:
+        """Answer as a browser that was opened with a file that leads to the page."""
+        found = re.findall('url=([^"]+)', Path(urlsplit(link).path).read_text())
+        asyncio.run(self.answer_at(urlsplit(found[0])))
+
+    async def answer_at(self, address: SplitResult) -> None:
+        origin, shown = f"http://{address.netloc}", dict[str, Any]()
+        async with ClientSession(headers={"Origin": origin}) as session:
+            assert (await session.get(f"{origin}/")).status == 403
+            assert "person.js" in await (await session.get(address.geturl())).text()
+            for last in (3, 41):  # answers, after which the page is gone
+                async with session.ws_connect(f"{origin}/socket?{address.query}") as socket:
+                    async with session.ws_connect(f"{origin}/socket?{address.query}") as second:
+                        assert "close one" in str((await second.receive()).extra)
+                    while "floors" not in shown and shown.get("done", 0) < last:
+                        if (shown := await socket.receive_json()).get("is_ready"):
+                            await socket.send_str("plate" if self.answer() == "P " else "reference")
+                await until(lambda: self.laid_um[-1] == 0.0)
+        floor, low, high = shown["floors"]
+        assert low < floor < high
+
+
+@pytest.mark.parametrize("front", [(), ("--browser",)], ids=["terminal", "page"])
+def test_the_person_at_a_front_strokes_an_even_plate_and_a_check_keeps_the_curve(
+    front: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    laid_um: list[float] = []
-
-    class Plate:
-        gain = 1.0
-
-        def __enter__(self) -> Plate:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            laid_um.append(0.0)
-
-        def surface(self, _: str, *, amplitude_um: float) -> None:
-            laid_um.append(amplitude_um)
-
-        def states(self) -> Iterator[Any]:
-            one = SimpleNamespace(virtual=False, contact_um=0.95 * laid_um[-1])
-            yield SimpleNamespace(fingers=(one, one))
-            while True:
-                yield SimpleNamespace(fingers=(one,))
-
-    plate, observer = Plate(), SimulatedObserver(KINDS["keen"], SEED)
-
-    def answer(_: str) -> str:
-        return "P " if observer.compare(plate.gain * 0.95 * laid_um[-1]).is_slipperier else "r"
+    plate = Plate()
 
     def call(*arguments: str) -> int:
-        return main(["calibrate", "person", "--participant", "anna", "--out", str(tmp_path), *arguments])
+        return main(["calibrate", "person", "--participant", "anna", "--out", str(tmp_path), *front, *arguments])
 
     monkeypatch.setattr(person, "Client", lambda *_, **__: plate)
-    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr("builtins.input", plate.answer)
+    monkeypatch.setenv("DISPLAY", "a screen")
+    monkeypatch.setattr("webbrowser.open", plate.visit)
     assert call() == 0
     file = participants.folder_of(tmp_path, "anna") / participants.FILE
     curve = friction_curve(Config(plate=participants.load(file, PlateConfig())[0]))
-    assert curve.friction(1.0) == pytest.approx(observer.curve.friction(1.0), rel=0.1)
-    assert laid_um[-1] == 0.0
+    assert curve.friction(1.0) == pytest.approx(plate.observer.curve.friction(1.0), rel=0.1)
+    assert plate.laid_um[-1] == 0.0
     written = file.read_text()
     for plate.gain, sentence in ((1.0, "comparisons confirm"), (1.5, "measure again")):
         assert call("--check", "--finger", "left thumb") == 0
@@ -96,6 +133,7 @@ def test_a_wrong_call_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixt
         (["person", "--sim"], "add --participant NAME"),
         (["person", "--sim", "--participant", "../anna"], "is no participant's name"),
         (["person", "--sim", "--participant", "anna", "--check"], "has no curve to check"),
+        (["person", "--sim", "--participant", "anna", "--browser"], "leave out one of them"),
         (["person", "--sim", "--participant", "anna", "--reference", "0.9"], "out of bounds"),
         (["all", "--sim", "--participant", "anna"], "for one step"),
     ):

@@ -23,7 +23,6 @@ PATIENCE_S = 60.0
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--port", "70000"), "--port: 70000 is out of bounds"),
         (("--sim", "--endpoint", "/tmp"), "cannot be combined with --endpoint"),
         (("--scenario", "strokes"), "give --sim as well"),
         (("--sim", "--scenario", "dance"), "there is no 'dance': choose one of strokes,"),
