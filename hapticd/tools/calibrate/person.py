@@ -55,10 +55,10 @@ def run(options: argparse.Namespace) -> Verdict:
         page = QuestionPage(__package__, "calibrate person")
         return asyncio.run(page.serve(lambda: _asked(page, options)))
     print("One finger strokes the plate, then the reference, as often as you like; the other hand types.")
-    return _asked(Terminal(), options)
+    return _asked(TypingFront(), options)
 
 
-def _asked(front: Terminal | QuestionPage, options: argparse.Namespace) -> Verdict:
+def _asked(front: TypingFront | QuestionPage, options: argparse.Namespace) -> Verdict:
     of, done = design.CHECK_TRIALS if options.check else design.TRIALS, count()
     try:
         with Client(options.endpoint, name="calibrate-person") as client:
@@ -97,7 +97,7 @@ def verdict(found: Match, options: argparse.Namespace) -> Verdict:
     return Verdict("person", outcome, sentence, figures, {"plate": plate}, options.sim)
 
 
-class Terminal:
+class TypingFront:
     """The front of a person who types."""
 
     is_open = True
@@ -118,7 +118,7 @@ class Terminal:
         return key
 
 
-def compared(front: Terminal | QuestionPage, client: Client, amplitude_um: float, **progress: int) -> Answer:
+def compared(front: TypingFront | QuestionPage, client: Client, amplitude_um: float, **progress: int) -> Answer:
     """Ask the person, who may close a page and come back. Raises HapticdError."""
     felt_um: list[float] = []
     is_laid: bool | None = None  # not known: the page may have been closed since the comparison before
