@@ -10,9 +10,11 @@
 
 static const double WEBER_FRAC = 0.11;
 static const double RATE = 0.3;            /* of the weights */
-static const double LEAST_JND = 0.02;      /* smaller errors weigh alike */
+static const double LEAST_JND = 0.3;       /* smaller errors weigh alike */
+static const double SLACK_FRAC = 0.7;      /* of a sticky finger's error: does not count where it is small; from one JND on all counts */
+static const double EVEN_FRAC = 0.5;       /* of a point's way to the mean of its contact, if the finger has no error */
 static const double MOST_WEIGHT = 4.6;     /* of its logarithm: 100 either way */
-static const double ROUND_UM = 0.05;       /* of amplitude, about which |r| is rounded */
+static const double ROUND_UM = 0.2;        /* of amplitude, about which |r| is rounded */
 static const double MOST_LESS = 1.5;       /* of its decay: by how much a point is pulled towards 0 at most; outwards once */
 enum { SWEEPS = 4 };                       /* of an iteration */
 enum { COLD = 9 };                         /* times as many iterations from silence */
@@ -41,7 +43,7 @@ typedef struct {
     const double *targets_um, *frictions, *counted, *stickiness, *gains;                     /* (N,) */
     const double *starts_um, *origins_um, *rates_1_um;                                       /* (pieces,) */
     double full_um, least, uncertain, keep; /* uncertain: the square of the share of a mode's amplitude */
-    double *log_weights, *errors, *contact_rms_um, *got, *logs;                              /* (N,) */
+    double *log_weights, *errors, *contact_rms_um, *got, *logs, *mean_um;                    /* (N,) */
     double *rows, *across;                                 /* what W acts on: (N Q, M) and one more, and (M, room) */
     double *w_d_um, *w_q_um, *rms_um, *friction, *rate_1_um, *kappa, *pulled;                /* (room,) */
     double curvature[MOST_MODES][MOST_MODES];
@@ -85,7 +87,7 @@ static void feel(problem_t *p)
 {
     for (Py_ssize_t finger = 0, place = 0; finger < p->fingers; finger++) {
         const double share = 1.0 / p->gains[finger], wanted = p->frictions[finger];
-        double got = 0.0;
+        double got = 0.0, mean_um = 0.0;
         for (Py_ssize_t index = 0; index < p->points; index++, place++) {
             const double at_um = p->rms_um[place] * share;
             Py_ssize_t piece = 0;
@@ -95,8 +97,9 @@ static void feel(problem_t *p)
                 at_um < p->full_um ? exp((p->origins_um[piece] - at_um) * p->rates_1_um[piece]) : p->least;
             p->rate_1_um[place] = p->rates_1_um[piece] * share;
             got += p->weights[index] * p->friction[place];
+            mean_um += p->weights[index] * p->rms_um[place];
         }
-        p->got[finger] = got;
+        p->got[finger] = got, p->mean_um[finger] = mean_um;
         p->errors[finger] = (got - wanted) / (WEBER_FRAC * wanted);
     }
 }
@@ -105,7 +108,8 @@ static void weigh(problem_t *p)
 {
     double mean = 0.0, centre = 0.0;
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
-        p->logs[finger] = log(fmin(fmax(fabs(p->errors[finger]), LEAST_JND), p->counted[finger]));
+        const double size = fabs(p->errors[finger]), less = SLACK_FRAC * fmax(1.0 - size, 0.0);
+        p->logs[finger] = log(fmin(fmax(size * (1.0 - p->stickiness[finger] * less), LEAST_JND), p->counted[finger]));
         mean += p->logs[finger] / (double)p->fingers;
     }
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
@@ -127,6 +131,7 @@ static void majorise(problem_t *p, Py_ssize_t finger)
     const double wanted = p->frictions[finger], got = p->got[finger];
     const double alpha = exp(p->log_weights[finger]) / (WEBER_FRAC * wanted);
     const double to_zero = alpha * p->stickiness[finger], along = alpha * (1.0 - p->stickiness[finger]);
+    const double even = EVEN_FRAC / (1.0 + p->errors[finger] * p->errors[finger]), mean_um = p->mean_um[finger];
     const double outwards = fmax(fmin((got - wanted) / got, 1.0), -MOST_LESS);
     const Py_ssize_t stuck = to_zero > 0.0 ? points : 0, pulling = along > 0.0 ? points : 0;
     for (Py_ssize_t index = 0; index < points; index++)
@@ -138,7 +143,7 @@ static void majorise(problem_t *p, Py_ssize_t finger)
     for (Py_ssize_t index = 0; index < pulling; index++) {
         const double slope = along * weights[index] * friction[index] * rate_1_um[index];
         const double size_um = sqrt(w_d_um[index] * w_d_um[index] + w_q_um[index] * w_q_um[index]);
-        const double reach = rms_um[index] * rate_1_um[index] + outwards;
+        const double aim_um = rms_um[index] + even * (mean_um - rms_um[index]), reach = aim_um * rate_1_um[index] + outwards;
         pulled[index] = slope * (reach > 0.0 ? reach : 0.0) / (size_um > TINY_UM ? size_um : TINY_UM);
         kappa[index] += slope * rate_1_um[index];
     }
@@ -457,13 +462,13 @@ static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_
         return NULL;
     }
     const Py_ssize_t room = n * q + n * q % 2;
-    double *memory = PyMem_Calloc((size_t)(room * (m + 7) + n * (q * m + 2) + 1), sizeof(double)), *next = memory;
+    double *memory = PyMem_Calloc((size_t)(room * (m + 7) + n * (q * m + 3) + 1), sizeof(double)), *next = memory;
     if (memory == NULL)
         return PyErr_NoMemory();
     double **per_place[] = {&p.w_d_um, &p.w_q_um, &p.rms_um, &p.friction, &p.rate_1_um, &p.kappa, &p.pulled};
     for (size_t index = 0; index < sizeof per_place / sizeof *per_place; index++, next += room)
         *per_place[index] = next;
-    p.across = next, p.got = next + room * m, p.logs = p.got + n, p.rows = p.logs + n;
+    p.across = next, p.got = next + room * m, p.logs = p.got + n, p.mean_um = p.logs + n, p.rows = p.mean_um + n;
     memcpy(p.rows, given[SHAPES].buf, (size_t)given[SHAPES].len);
     p.room = room, p.shapes = given[SHAPES].buf, p.weights = given[WEIGHTS].buf, p.limits_um = given[LIMITS].buf;
     p.uncertain = p.is_point ? 0.0 : UNCERTAIN_FRAC * UNCERTAIN_FRAC;

@@ -17,11 +17,13 @@ counts (`counted_jnd`).
 Each iteration
 
 1.  weighs the fingers: the logarithm of alpha_i moves by RATE towards that of |u_i|, less the mean over the fingers
-    (multiplicative weights: S. Arora, E. Hazan and S. Kale, Theory of Computing 8, 2012);
+    (multiplicative weights: S. Arora, E. Hazan and S. Kale, Theory of Computing 8, 2012). Below one JND less of a
+    sticky finger's error counts: the slippery one's grows more where places are predicted wrong;
 2.  replaces sum alpha_i |F_i - F_i*| by a sum of squares, point by point, that has its slope at the present W. A sticky
     finger's points are pulled to 0, as |r| is (iteratively reweighted least squares); another's to r
-    plus the change that would make F_i right if all points changed alike. Over the frictions TO_ZERO one passes into
-    the other, within what is felt;
+    plus the change that would make F_i right if all points changed alike, and in part to the contact's mean, the less
+    the larger u_i is: an even vibration is felt at wrong places too. Over the frictions TO_ZERO one passes into the
+    other, within what is felt;
 3.  sweeps over the modes, each moved to its best, or PAST_FRAC past it, and into its limit (over-relaxation:
     D. M. Young, Trans. AMS 76, 1954).
 
@@ -64,7 +66,7 @@ AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a fin
 
 ITERATIONS: Final = 7  # of a call
 FIRST: Final = (0.7, 0.9)  # frictions from which on errors count in full where not all can be had: in part, altogether
-MOST_SLIPPERY: Final = 0.9  # of a just noticeable difference: as much of a slippery finger's error counts
+MOST_SLIPPERY: Final = 0.8  # of a just noticeable difference: as much of a slippery finger's error counts
 MOST_LOWER: Final = 0.7  # of what counts one priority above: in six calls 48 % of places are felt, with 0.8 36 %
 TO_ZERO: Final = (0.9, 0.97)  # frictions from which on a finger's points are pulled to 0, in part and altogether
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed

@@ -42,9 +42,8 @@ def problem(seed: int) -> list[Any]:
 
 def iterated(given: list[Any]) -> tuple[Array, Array]:
     """One problem after its iterations, on arrays: W (M,), and the weights."""
-    limits, now = given[4], np.array(given[5])
-    c, (starts, origins, rates) = given[1], given[3][2:].reshape(3, -1)
-    full_um, least = given[3][:2]
+    limits, now, c = given[4], np.array(given[5]), given[1]
+    (full_um, least), (starts, origins, rates) = given[3][:2], given[3][2:].reshape(3, -1)
     _, wanted, counted, sticky, gains, logs, _, _ = np.reshape(given[2], (8, -1))
     phi = np.frombuffer(given[0]).reshape(len(wanted), len(c), len(now))
     for _ in range(given[6]):
@@ -54,14 +53,15 @@ def iterated(given: list[Any]) -> tuple[Array, Array]:
         piece = np.maximum(np.searchsorted(starts, at, side="right") - 1, 0)
         friction = np.where(at < full_um, np.exp((origins[piece] - at) * rates[piece]), least)
         rate, got = rates[piece] / gains[:, None], friction @ c
-        error = np.log(np.minimum(np.maximum(np.abs(got - wanted) / (WEBER_FRAC * wanted), 0.02), counted))
-        logs = logs + 0.3 * (error - error.mean())
-        logs = np.clip(logs - logs.mean(), -4.6, 4.6)
+        size = np.abs(got / wanted - 1.0) / WEBER_FRAC
+        error = np.log(np.clip(size * (1.0 - 0.7 * sticky * np.maximum(1.0 - size, 0.0)), 0.3, counted))
+        logs = np.clip(logs - logs.mean() + 0.3 * (error - error.mean()), -4.6, 4.6)
         slope = (np.exp(logs) / (WEBER_FRAC * wanted))[:, None] * c * friction * rate
         along = (1.0 - sticky)[:, None] * slope * rate
-        kappa = sticky[:, None] * slope / np.sqrt(r * r + 0.05**2) + along
+        kappa = sticky[:, None] * slope / np.sqrt(r * r + 0.2**2) + along
         outwards = np.clip((got - wanted) / got, -1.5, 1.0)
-        aim = np.maximum(r + outwards[:, None] / rate, 0.0)
+        even = (0.5 / (1.0 + size**2))[:, None] * ((r @ c)[:, None] - r)
+        aim = np.maximum(r + even + outwards[:, None] / rate, 0.0)
         pulled = along * aim / np.maximum(np.abs(w), 1e-9)
         curvature = np.einsum("nq,nqk,nql->kl", kappa, phi, phi)
         pull = np.einsum("nq,nqk->k", pulled * w, phi)
