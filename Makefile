@@ -20,9 +20,10 @@ demo: $(if $(wildcard $(HAPTICD)),$(HAPTICD),$(PURE))
 	$(BIN)/hapticd demo --force
 
 # Proves the product. Property tests look at the same examples each time: everybody gets the same answer. (A third of the
-# time is spent waiting for processes and timeouts, so two cores have work for three.)
+# time is spent waiting for processes and timeouts, so two cores have work for three. Files stay whole, so that the
+# fixtures of one are made once.)
 test: $(TESTS)
-	$(BIN)/python -m pytest -n 3 -m "not long and not alone"
+	$(BIN)/python -m pytest -n 3 --dist loadfile -m "not long and not alone"
 
 # $(call of,word): the files of tests with it, for pytest takes seconds to import all.
 of = $$(grep -rl --include='test_*.py' '$(1)' tests clients/study/tests)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import runpy
 import shutil
 import signal
@@ -25,17 +26,18 @@ if not (Path(__file__).parents[1] / "hapticd" / "board_protocol.py").exists():  
 # A script that starts the tests behind `&` has Ctrl-C ignored, which all programs that they start would inherit.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The same examples each time, so that a commit is judged the same everywhere; `make test-all` sets NEW_EXAMPLES. Each
-# setting is named, because hypothesis has other defaults where CI is set, and a deadline where it is not.
+# The same few examples each time, so that a commit is judged the same everywhere; `make test-all` sets NEW_EXAMPLES.
+# Each setting is named, because hypothesis has other defaults where CI is set, and a deadline where it is not.
 settings.register_profile(
     "same-each-time",
     database=None,
     deadline=None,
     derandomize=True,
+    max_examples=40,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
-settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False)
+settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False, max_examples=200)
 settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
 
 OF_A_CALLER = ("HAPTICD_RUNTIME_DIR", "RUNTIME_DIRECTORY", "NOTIFY_SOCKET", "WATCHDOG_USEC", "JOURNAL_STREAM")
@@ -100,6 +102,13 @@ def manager(tmp_path: Path) -> Iterator[socket.socket]:
         listening.bind(str(tmp_path / "notify"))
         listening.setblocking(False)
         yield listening
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files of long tests alone where none runs: each worker would import their browsers and chips."""
+    if not (config.option.markexpr.startswith("not long and ") and collection_path.name.startswith("test_")):
+        return None
+    return bool(re.search(r"^pytestmark = \[?pytest\.mark\.long", collection_path.read_text("utf-8"), re.M)) or None
 
 
 SLOWEST = {"virtual_machine", "view"}  # folders of emulated machines and browsers

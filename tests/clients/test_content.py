@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_daemon import FakeDaemon
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -112,7 +112,6 @@ points = st.lists(st.tuples(st.floats(0, 5), st.floats(0, 1)), min_size=1, max_s
 
 @example([[(0.0, 0.0), (5e-324, 1.0), (4.5, 0.0), (5.0, 0.0)]])
 @given(st.lists(points, min_size=1, max_size=5))
-@settings(max_examples=100)
 def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list[tuple[float, float]]]) -> None:
     line = thinned(summed(lines))
     assert all(0.0 <= value <= 1.0 for _, value in line)
@@ -461,7 +460,6 @@ def damaged(document: Any, path: list[int], value: Any) -> Any:
 
 @pytest.mark.filterwarnings("ignore::hapticd_client.content.DroppedWarning")
 @given(st.sampled_from(["ahap", "hjif"]), st.lists(st.integers(0, 20), max_size=9), strange)
-@settings(max_examples=100)
 def test_a_damaged_file_is_refused_or_gives_effects_that_the_library_sends(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, path: list[int], value: Any
 ) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import msgpack
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -116,7 +116,6 @@ FIELDS = {FingerTarget: "targets", VirtualFinger: "virtuals", Surface: "surfaces
 
 
 @given(any_content)
-@settings(max_examples=500)
 def test_what_the_library_takes_the_daemon_takes_and_nothing_else(content: Any) -> None:
     def taken(take: Callable[[], object]) -> bool:
         try:

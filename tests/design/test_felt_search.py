@@ -33,7 +33,7 @@ def designs() -> list[FeltDesign]:
     with pytest.MonkeyPatch.context() as patch:
         for name, less in {"JUDGE_PLACES": 100, "SEARCH_PLACES": 30, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
             patch.setattr(felt_search, name, less)
-        return search(plates, [3], (27000.0, 28500.0), TASK, [KIT, (8.0, 8.0, 0.5)])
+        return search(plates, [3], (27000.0, 28500.0), TASK, [KIT])
 
 
 def test_errors_are_those_of_the_mean_friction_over_a_fine_grid(shapes: list[ModeShape]) -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.design.resonance import Resonance, fit_resonance
@@ -25,7 +25,6 @@ def noisy(truth: Resonance, noise_frac: float, seed: int = 1) -> npt.NDArray[np.
     return y + noise_frac * np.abs(y).max() * (rng.standard_normal(41) + 1j * rng.standard_normal(41))
 
 
-@settings(max_examples=200)
 @given(st.floats(29160, 29250), st.floats(150, 1500), st.floats(0.01, 100), st.floats(-179, 179))
 def test_a_resonance_without_noise_is_found_to_many_digits(f0_hz: float, q: float, gain: float, deg: float) -> None:
     truth = resonance(f0_hz, q, gain, deg)

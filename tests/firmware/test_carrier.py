@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from carrier_board import SAMPLE_HZ
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hapticd.sim.board import firmware
@@ -92,7 +92,6 @@ def test_a_level_out_of_range_keeps_its_phase_and_never_wraps(magnitude: float, 
     assert np.abs(steps(samples) - steps(bounded.synthesise())).max() <= 1
 
 
-@settings(max_examples=300)
 @given(
     st.floats(25000, 60000, width=32),
     PHASES,

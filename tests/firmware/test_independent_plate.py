@@ -33,7 +33,7 @@ class Case(NamedTuple):
 
 
 Cases = Callable[..., list[Case]]
-each_plate = pytest.mark.parametrize("modes", [2, 4])
+each_plate = pytest.mark.parametrize("modes", [pytest.param(2, marks=pytest.mark.long), 4])  # each is compiled
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +67,10 @@ def test_a_sound_plate_does_what_is_asked_and_is_not_judged_faulty(modes: int, c
 
 RINGS = [(4, 40968, 0), (6, 17520, 0)]
 SWINGS = [(2, 1499, 7), (4, 1499, 7), (6, 1881, 7), (6, 3206, 7), (4, 7785, 8)]
-long_of_six = [pytest.param(*case, marks=[pytest.mark.long] * (case[0] == 6)) for case in SWINGS + RINGS]
+long_of_others = [pytest.param(*case, marks=[pytest.mark.long] * (case[0] != 4)) for case in SWINGS + RINGS]
 
 
-@pytest.mark.parametrize(("modes", "seed", "fault"), long_of_six)
+@pytest.mark.parametrize(("modes", "seed", "fault"), long_of_others)
 def test_a_plate_that_swings_by_itself_is_distinguished_from_a_false_fault(
     modes: int, seed: int, fault: int, cases: Cases
 ) -> None:
@@ -99,10 +99,12 @@ def test_a_lead_that_breaks_while_next_to_nothing_is_asked_does_not_either(modes
     assert cases(modes, "floating", 1, seed)[0].peak <= 1.6
 
 
-@pytest.mark.parametrize("count", [80, pytest.param(600, marks=pytest.mark.long)])
-def test_a_turned_bit_leaves_neither_an_amplitude_nor_a_voltage_far_above_its_limit(count: int, cases: Cases) -> None:
+@pytest.mark.parametrize(("modes", "count"), [(4, 80), pytest.param(2, 600, marks=pytest.mark.long)])
+def test_a_turned_bit_leaves_neither_an_amplitude_nor_a_voltage_far_above_its_limit(
+    modes: int, count: int, cases: Cases
+) -> None:
     """Of the memory of core, carrier or sine table, while the board drives."""
-    found = cases(2, "flipped", count)
+    found = cases(modes, "flipped", count)
     for case in found:
         assert case.peak <= 1.6, case  # at most 1.13 in 15 000
         assert case.over_ms <= 1e3 * (CHECKED_TICKS + 1) / case.control_hz + CHUNK_MS, case

@@ -7,7 +7,7 @@ import ctypes
 import math
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hapticd.core.trajectory.gate import gate
@@ -45,7 +45,6 @@ def limited_by_python(values: list[float], limit_um: tuple[float, ...]) -> tuple
     return safe.reasons, list(safe.knots[0].modal_um)
 
 
-@settings(max_examples=900)
 @given(parts, st.tuples(limit, limit) | st.tuples(limit, limit, limit))
 @example([3.4e38, 3.4e38, 1.0, 0.0, 0.0, 0.0], (4.0, 4.0))
 @example([1.7e19, 1.0, -0.0, 0.0, 0.0, 0.0], (4.0, 4.0))
@@ -72,7 +71,6 @@ def test_host_and_board_limit_two_and_three_modes_alike(values: list[float], lim
             assert all(abs(ours) <= abs(theirs) * (1 + ULP) for ours, theirs in zip(out_um, wanted_um, strict=True))
 
 
-@settings(max_examples=300)
 @given(parts, limit, limit)
 def test_what_the_host_let_through_the_board_leaves_alone(values: list[float], x_um: float, y_um: float) -> None:
     """The encoder rounds towards zero, so the board finds nothing above its limit."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd import board_protocol as protocol
@@ -140,7 +140,6 @@ def test_a_refusal_is_not_hidden_by_a_later_success(bench: Bench) -> None:
     assert bench.listen() == (BoardVerdict(protocol.MSG_SET_CONTROLLER, CommandResult.OUT_OF_RANGE),)
 
 
-@settings(max_examples=200)
 @given(st.sampled_from(sorted(TO_BOARD)), st.binary(max_size=60), st.integers(0, 400))
 def test_one_frame_after_any_noise_the_board_understands_again(name: str, noise: bytes, cut: int) -> None:
     """Whatever was on the line before, even half a frame, costs at most the frame it runs into."""

@@ -156,7 +156,6 @@ def test_an_archive_of_something_else_is_refused(tmp_path: Path, arrays: dict[st
         ModeShapes.load(path)
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=200), st.sampled_from(FORMATS))
 def test_no_bytes_raise_anything_but_a_sentence(data: bytes, suffix: str) -> None:
     for decode in (decode_grid, decode_scan):
@@ -164,7 +163,6 @@ def test_no_bytes_raise_anything_but_a_sentence(data: bytes, suffix: str) -> Non
             decode(data, suffix)
 
 
-@settings(deadline=None, max_examples=150)
 @given(st.integers(0, 10**6), st.integers(1, 255), st.sampled_from(FORMATS))
 def test_a_damaged_file_is_read_or_refused(position: int, flip: int, suffix: str) -> None:
     data = bytearray(encode_grid(uneven_grid(2), suffix))

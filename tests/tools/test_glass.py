@@ -107,6 +107,7 @@ def test_a_plate_may_be_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (found.size_mm, found.drive_hz, found.driven) == ((160.0, 160.0), 30600.0, 2)
 
 
+@pytest.mark.long
 def test_a_copy_is_driven_as_its_scan_chooses_and_its_map_has_what_patches_push() -> None:
     sim = glass.chosen(parsed("simulate", "strokes", "--plate", "fingertip", "--copy", "17"))
     assert sim == SimConfig(plate="fingertip#17", modes=4)

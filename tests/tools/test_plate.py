@@ -17,7 +17,7 @@ from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import plate
 
-SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", "2", "--drive", "28000..30500"]
+SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", "2", "--drive", "28500..29700"]
 KIT = ["--place", "8x8x0.3"]
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd import board_protocol as protocol
@@ -84,7 +84,6 @@ def decoded_knots(line: bytes) -> list[tuple[int, list[complex]]]:
 PHASORS = st.complex_numbers(max_magnitude=1e6, allow_nan=False, allow_infinity=False)
 
 
-@settings(max_examples=200)
 @given(st.lists(st.tuples(PHASORS, PHASORS), min_size=1, max_size=24))
 def test_rounding_to_float32_never_lets_a_magnitude_grow(rows: list[tuple[complex, complex]]) -> None:
     knots = [Knot(i * 1_000_000, row) for i, row in enumerate(rows)]

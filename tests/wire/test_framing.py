@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.wire.framing import FrameSplitter, encode_frame
@@ -19,7 +19,6 @@ def test_the_crc_is_ccitt_false() -> None:
     assert encode_frame(b"123456789") == b"\x0c123456789\xb1\x29\x00"
 
 
-@settings(max_examples=150)
 @given(st.lists(MESSAGES, max_size=6))
 def test_what_is_framed_comes_out_again(messages: list[bytes]) -> None:
     line = b"".join(map(encode_frame, messages))
@@ -29,7 +28,6 @@ def test_what_is_framed_comes_out_again(messages: list[bytes]) -> None:
     assert not any(splitter.counters.values())
 
 
-@settings(max_examples=150)
 @given(
     st.lists(st.one_of(st.binary(max_size=90), MESSAGES.map(encode_frame)), max_size=6).map(b"".join),
     st.lists(st.integers(0, 1500), max_size=12),

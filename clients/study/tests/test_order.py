@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from itertools import pairwise
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from people import paper
-from scipy.stats import norm
 from test_experiment import BARE, SPOT
 
 from hapticd_study.adaptive import LevelTrack, next_level
@@ -108,7 +108,7 @@ def observer(rng: np.random.Generator) -> tuple[float, Callable[[float], bool]]:
     """A threshold, and a participant who has it: right or wrong at a level."""
     middle, spread, lapse = rng.uniform(0.25, 0.75), rng.uniform(0.08, 0.2), rng.choice([0.0, 0.02, 0.04])
     share = 1.0 - GUESS_FRAC - lapse
-    return middle, lambda level: bool(rng.random() < GUESS_FRAC + share * norm.cdf((level - middle) / spread))
+    return middle, lambda level: bool(rng.random() < GUESS_FRAC + share * NormalDist(middle, spread).cdf(level))
 
 
 def played(method: Staircase | QuestPlus, trials: int, answer: Callable[[float], bool]) -> LevelTrack:

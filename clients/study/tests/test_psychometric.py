@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from hapticd_study.psychometric import d_prime, fit
 
@@ -14,8 +15,8 @@ EACH = 200
 
 def counted(threshold: float, spread: float, guess_frac: float) -> list[tuple[float, bool]]:
     """Levels with as many right answers as the function gives, to the nearest one."""
-    shares = guess_frac + (1.0 - guess_frac) * norm.cdf((LEVELS - threshold) / spread)
-    pairs = zip(LEVELS.tolist(), shares, strict=True)
+    curve = NormalDist(threshold, spread)
+    pairs = [(x, guess_frac + (1.0 - guess_frac) * curve.cdf(x)) for x in LEVELS.tolist()]
     return [(x, trial < round(EACH * share)) for x, share in pairs for trial in range(EACH)]
 
 
@@ -45,6 +46,8 @@ def test_levels_that_do_not_reach_the_threshold_are_said_and_one_level_is_no_cur
 
 
 def test_d_prime_is_the_distance_of_two_normal_deviates() -> None:
-    assert d_prime((84, 100), (16, 100)) == pytest.approx(norm.ppf(84.5 / 101) - norm.ppf(16.5 / 101))
-    assert d_prime((10, 10), (0, 10)) == pytest.approx(2 * norm.ppf(10.5 / 11))
+    assert d_prime((84, 100), (16, 100)) == pytest.approx(
+        NormalDist().inv_cdf(84.5 / 101) - NormalDist().inv_cdf(16.5 / 101)
+    )
+    assert d_prime((10, 10), (0, 10)) == pytest.approx(2 * NormalDist().inv_cdf(10.5 / 11))
     assert d_prime((5, 10), (5, 10)) == 0.0

@@ -9,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from matplotlib.container import BarContainer
-from matplotlib.figure import Figure
 from people import session, write
 from test_analysis import PAPER
 
@@ -69,6 +67,9 @@ def test_what_the_first_finger_felt_is_said_by_medians_over_the_trials(papers: P
 
 
 def test_the_figure_has_each_rate_with_its_interval(papers: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from matplotlib.container import BarContainer  # half a second, in each process that collects tests
+    from matplotlib.figure import Figure
+
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
     people = [analysis.analyse(session) for session in report.sessions_in(papers)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.board.supervisor import DRIVING, Event, State, Supervisor
@@ -31,7 +31,6 @@ def test_only_clearing_or_stopping_leaves_a_fault_and_nothing_leaves_stopped(eve
     assert supervisor_after(*ACTIVE, Event.STOP, event).state is State.STOPPED
 
 
-@settings(max_examples=300)
 @given(events=st.lists(st.sampled_from(EVENTS), max_size=40))
 def test_it_drives_only_with_link_sensor_touch_and_no_fault(events: list[Event]) -> None:
     """A model kept apart: four flags, each set by its last event."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -45,7 +45,6 @@ def test_a_wave_is_interpolated_between_the_points_of_the_map(modes: ModeShapes)
     assert np.abs(error).max() < 1.5e-3
 
 
-@settings(max_examples=200)
 @given(st.floats(width=64), st.floats(width=64))
 def test_shapes_and_slopes_are_finite_anywhere(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
     assert np.isfinite(modes.evaluate([(x_mm, y_mm)])).all()

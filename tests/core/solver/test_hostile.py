@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.solver import solve
@@ -15,7 +15,6 @@ awkward = st.sampled_from(
 limit = st.sampled_from([4.0, 4.0, 3.3, 1e-300, 5e-324, 1e300])
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.data())
 def test_the_result_is_finite_and_within_the_limits(data: st.DataObject) -> None:
     """Fingers and modes of any number, some fingers coincident, values from every corner of the floats."""

@@ -60,7 +60,6 @@ def test_at_the_limit_the_still_finger_stays_still_and_the_other_gets_less() -> 
     assert solution.limited
 
 
-@settings(max_examples=300)
 @example(slipping=(0.5625, 0.8125), still=(0.0, 0.0), target=3.125, limits=(3.25, 1.5))
 @given(slipping=row, still=row, target=amplitude, limits=st.tuples(amplitude, amplitude))
 def test_the_still_finger_gets_zero_and_the_other_all_that_the_limits_allow(

@@ -7,7 +7,7 @@ import struct
 
 import mpmath
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.board_protocol import REFERENCE
@@ -33,7 +33,6 @@ def conditioned(exponent: float, angle: float, other_angle: float) -> np.ndarray
     return left @ np.diag([1.0, 10.0**-exponent]) @ right
 
 
-@settings(max_examples=200)
 @given(exponent=exponent, angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4), target_um=st.floats(1e-9, 1e12))
 def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
     exponent: float, angle: float, other: float, target_um: float
@@ -60,7 +59,6 @@ def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
         assert abs(c * modal[0] + d * modal[1]) <= 1e-15 * max(map(abs, modal))
 
 
-@settings(max_examples=200)
 @given(
     still=row,
     slipping=row,

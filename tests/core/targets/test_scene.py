@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.friction import FrictionCurve
@@ -152,7 +152,6 @@ steps = st.tuples(
 
 
 @given(st.lists(steps, max_size=20))
-@settings(max_examples=150)
 def test_a_finger_always_has_one_living_owner_or_nobodys_target(
     history: list[tuple[str, dict[int, Content], dict[str, VirtualPath], int]],
 ) -> None:

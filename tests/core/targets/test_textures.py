@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -44,7 +44,6 @@ def amplitude(content: Content, w_limit_um: float = math.inf) -> AmplitudeAt:
 
 
 @given(gratings | maps | friction_maps | gradients | noises | evens, any_place, any_place)
-@settings(max_examples=400)
 def test_a_texture_is_finite_and_between_its_amplitudes_everywhere(content: Content, x_mm: float, y_mm: float) -> None:
     match content:
         case Friction():

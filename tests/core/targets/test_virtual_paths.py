@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.targets.virtual_paths import Walk
@@ -55,7 +55,6 @@ def test_a_path_turns_at_its_corners_and_where_it_begins_and_ends() -> None:
 
 
 @given(paths, st.floats(-1.0, 1e9), st.integers(1, 8))
-@settings(max_examples=200)
 def test_turns_are_within_the_span_in_order_and_bounded(path: VirtualPath, t_s: float, most: int) -> None:
     found_ms = turns_ms(path, t_s, 0.017, most)
     assert len(found_ms) <= most

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.touch.sensor_clock import SampleClock
@@ -79,7 +79,6 @@ def test_a_pad_of_a_very_different_rate_is_followed_after_some_samples(period_s:
     assert period_s / clock.period_s == pytest.approx(round(period_s / clock.period_s), abs=0.03)
 
 
-@settings(max_examples=200)
 @given(
     gaps=st.lists(st.floats(1e-9, 0.06), max_size=60),
     period_s=st.floats(0.0005, 0.05),

@@ -205,7 +205,6 @@ wild_frames = st.lists(
 )
 
 
-@settings(max_examples=150)
 @given(wild_frames)
 def test_whatever_comes_each_id_begins_once_ends_once_and_holds_one_contact(
     steps: list[tuple[int, list[Contact]]],

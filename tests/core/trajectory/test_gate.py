@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.trajectory.gate import MAX_SPAN_NS, gate, silence
@@ -30,7 +30,6 @@ def toward_zero_float32(value: float) -> float:
     return float(single if abs(float(single)) <= abs(value) else np.nextafter(single, np.float32(0)))
 
 
-@settings(max_examples=500)
 @given(knots=st.lists(st.tuples(any_complex, any_complex, any_complex), min_size=1, max_size=4), data=st.data())
 def test_every_float_leaves_the_gate_within_the_limits(knots: list[tuple[complex, ...]], data: st.DataObject) -> None:
     limit_um = data.draw(st.tuples(any_limit, any_limit, any_limit))
@@ -56,7 +55,6 @@ def test_a_drive_within_the_limits_passes_untouched() -> None:
     assert safe == SafeDrive(wanted.t_apply_ns, wanted.knots, LimitReason.NONE)
 
 
-@settings(max_examples=200)
 @given(
     modal_um=st.lists(st.complex_numbers(max_magnitude=1e6, allow_subnormal=False), min_size=2, max_size=4),
     others=st.lists(st.complex_numbers(max_magnitude=3.0), min_size=2, max_size=4),

@@ -57,6 +57,7 @@ def with_posture(x_mm: float, seed: int) -> Touching:
     return Touching(replace(WRONG, pad=pad), seconds=8.0, seed=seed)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("without_map")
 def test_what_the_fingers_of_each_session_share_is_not_the_pads_place() -> None:
     sessions = [with_posture(x_mm, seed) for x_mm, seed in ((-0.3, 1), (0.3, 2))]
@@ -114,7 +115,7 @@ def test_fit_beyond_what_a_laboratory_meets_is_refused(
     ("touching", "refusal"),
     [
         (Touching(NOMINAL, seconds=8.0), "confirm no change"),
-        (Touching(WRONG, seconds=6.0, at_rest=True, fingers=1), "node lines"),
+        pytest.param(Touching(WRONG, seconds=6.0, at_rest=True, fingers=1), "node lines", marks=pytest.mark.long),
         (Touching(WRONG, seconds=3.0), "Only 3"),
     ],
     ids=["as calibrated", "at rest", "short"],

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import msgpack
 import pytest
 
@@ -84,6 +83,8 @@ def test_one_long_message_does_not_make_all_others_as_long(foreign: Callable[...
 
     assert found["messages"]["message_json"].nbytes < 100_000
     export.to_hdf5(found, {}, tmp_path / "out.h5")
+    import h5py
+
     with h5py.File(tmp_path / "out.h5") as file:
         assert file["messages"]["message_json"][1] == b'{"op": "hello"}'
         assert file["messages"]["user"][1] == b"uid 1"

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas
 import pytest
 from tools.record.test_attach import SLIPPERY, STICKY, Bench, recorders, served
 
@@ -160,6 +159,8 @@ def test_measured_values_are_a_table_with_one_value_a_row_at_its_own_instant(tou
     assert replay(recording).is_identical
     assert not recording.losses.any
     assert main(["export", str(touched), "--csv", str(tmp_path / "out")]) == 0
+    import pandas  # takes a second
+
     streams, measured = (pandas.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("streams", "measured"))
     assert (streams["name"].tolist(), streams["unit"].tolist()) == (["Fx", "Fz"], ["N", "N"])
     assert (len(measured), set(measured["stream"])) == (200, {"force"})
