@@ -51,13 +51,6 @@ def with_subcommands(name: str, parser: argparse.ArgumentParser) -> Iterator[tup
                 yield from with_subcommands(f"{name} {below}", one)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_every_command_and_subcommand_has_an_example(command: str) -> None:
-    (commands,) = (action for action in cli_parser(command)._actions if isinstance(action, argparse._SubParsersAction))
-    for name, parser in with_subcommands(command, commands.choices[command]):
-        assert f"example: hapticd {name}" in parser.format_help(), name
-
-
 def test_help_groups_at_most_eighteen_commands(capsys: pytest.CaptureFixture[str]) -> None:
     _, output, _ = outcome(capsys, "--help")
     places = [output.index(f"\n  {heading}:\n    {first} ") for first, heading in GROUPS.items()]

@@ -49,8 +49,6 @@ ALLOWED: dict[str, set[str]] = {
     "bench": {*PROGRAM, "tools", "compiled", "regular_file"},
 }
 FORBIDDEN_IN_CORE = {"asyncio", "time", "socket", "logging", "os", "threading", "random", "zmq", "serial", "pathlib"}
-# A daemon that records needs neither the simulated rig nor a library of an extra.
-RECORDING_LIBRARIES = {"h5py", "pyarrow", "matplotlib"}
 
 
 def module_of(path: Path) -> str:
@@ -168,12 +166,6 @@ def test_the_core_knows_no_clock_socket_file_or_log() -> None:
         assert not {name.split(".")[0] for name in imported_names(path)} & FORBIDDEN_IN_CORE, path
 
 
-def test_only_commands_import_the_calibration() -> None:
-    for path in layer_files():
-        if part_of(path) != "tools":
-            assert not any(name.startswith("tools.calibrate") for name in ours(imported_names(path))), path
-
-
 def test_clients_share_nothing_with_the_daemon_but_the_contract() -> None:
     rules = ((CLIENT, {"hapticd"}), (CONTRACT, {"hapticd", "hapticd_client"}), (STUDY, {"hapticd"}))
     for folder, forbidden in rules:
@@ -190,14 +182,6 @@ def test_the_contract_is_imported_where_messages_and_what_they_bring_are_dealt_w
         assert is_allowed or "hapticd_contract" not in roots, path
 
 
-def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -> None:
-    paths = [*(PACKAGE / "files").rglob("*.py"), PACKAGE / "daemon" / "recorder.py"]
-    for path in paths:
-        names = imported_names(path)
-        assert not any(one.startswith("hapticd.sim") for one in names), path
-        assert not {one.split(".")[0] for one in names} & RECORDING_LIBRARIES, path
-
-
 @pytest.mark.parametrize(
     ("libraries", "parts"),
     [
@@ -207,6 +191,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
         ({"distributed"}, ("tools/campaigns",)),
         ({"scipy"}, ("bench", "design/section", "design/glued_plate", "tools/calibrate")),
         ({"evdev"}, ("io/devices/input_nodes",)),
+        ({"h5py", "pyarrow"}, ("tools/record/export",)),
         ({"pythonosc"}, ("wire/osc",)),
         ({"hapticd_study"}, ("tools/study",)),
     ],

@@ -50,15 +50,6 @@ def test_a_function_takes_these_parameters(function: Callable[..., Any], names: 
     assert set(names.split()) <= parameters
 
 
-def test_references_predictors_and_clients_have_these_functions() -> None:
-    assert callable(device.encode_reference)
-    assert trackpad.Decoder(model="mt2-usb").decode(b"", 0) == ()  # a compiled class has no signature
-    predictors = [prediction.make_predictor(), *(baselines.make_predictor(name) for name in baselines.PREDICTORS)]
-    for predictor in predictors:
-        assert all(callable(getattr(predictor, name)) for name in ("update", "predict", "reset", "covariance"))
-    assert all(callable(getattr(Client, name)) for name in ("fingers", "states", "status", "__enter__"))
-
-
 def test_a_run_has_its_arrays_by_name_and_takes_settings_by_name() -> None:
     run = hapticd.sim.run("strokes", settings={"speed_mm_s": 50.0}, seed=1, seconds=0.2)
     assert run.settings.speed_mm_s == 50.0

@@ -10,7 +10,7 @@ import sys
 import sysconfig
 import tarfile
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,23 +24,6 @@ PYPROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(en
 TOOL = PYPROJECT["tool"]
 NEEDED = ("pyproject.toml", "Makefile", "README.md", "LICENSE", "hapticd", "clients", "firmware", "systemd", ".lock")
 LEFT_OUT = shutil.ignore_patterns("*.so", "__pycache__", "build", "*.egg-info", "board_protocol.py")
-
-
-def listed_paths() -> Iterator[str]:
-    """Every path or pattern that pyproject.toml names."""
-    for group in (TOOL["hapticd"]["compiled"], TOOL["coverage"]["run"]):
-        yield from (one for value in group.values() if isinstance(value, list) for one in value)
-    for extension in TOOL["setuptools"]["ext-modules"]:
-        yield from (*extension["sources"], *extension.get("include-dirs", ()))
-    for files in TOOL["setuptools"]["data-files"].values():
-        yield from files
-    yield from (*TOOL["setuptools"]["packages"]["find"]["where"], *TOOL["mypy"]["files"], *TOOL["mypy"]["mypy_path"])
-    yield PYPROJECT["project"]["readme"]
-
-
-@pytest.mark.parametrize("path", sorted(set(listed_paths())))
-def test_a_path_that_pyproject_names_is_there(path: str) -> None:
-    assert [*ROOT.glob(path)] if path != "." else ROOT.is_dir()
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.errors import ExitCode, HapticdError
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -137,16 +134,3 @@ def test_without_the_study_s_distribution_the_folders_to_install_are_named(
     code, complaint = refused(capsys, "study", "run", "--participant", "P1")
     assert (code, complaint.count("\n")) == (1, 1)
     assert all(folder in complaint for folder in ("pip install", "clients/python", "clients/study"))
-
-
-def errors(kind: type[HapticdError] = HapticdError) -> Iterator[type[HapticdError]]:
-    yield kind
-    for below in kind.__subclasses__():
-        yield from errors(below)
-
-
-def test_the_readme_explains_every_exit_code_and_no_error_has_another() -> None:
-    readme = (ROOT / "hapticd" / "tools" / "README.md").read_text(encoding="utf-8")
-    table = readme.partition("## Exit codes")[2].partition("## ")[0]
-    assert [int(code) for code in re.findall(r"^\| (\d+) \|", table, re.MULTILINE)] == list(ExitCode)
-    assert all(type(error.exit_code) is ExitCode for error in errors())

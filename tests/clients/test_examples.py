@@ -34,14 +34,6 @@ def run(name: str, daemon: FakeDaemon, *arguments: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_help_shows_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        example(name).main(["--help"])
-    assert left.value.code == 0
-    assert "example: hapticd run --sim" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_without_a_daemon_an_example_ends_with_one_sentence(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

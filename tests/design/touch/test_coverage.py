@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.design.touch.coverage import known_sentence, map_sigma, touched_box, touched_s, where_next
+from hapticd.design.touch.coverage import map_sigma, touched_box, touched_s, where_next
 from hapticd.design.touch.waves import MAP_PRIOR, Waves
 
 from .synthetic import WAVE_RAD_MM, Touching, mode_map
@@ -38,10 +38,3 @@ def test_a_map_is_known_where_it_was_touched_and_as_before_elsewhere() -> None:
     assert sigma[2, 2] < 0.4 * map_sigma(waves, before, modes)[2, 2]
     assert sigma[0, 0] == pytest.approx(MAP_PRIOR, rel=0.1)
     assert np.argmin(sigma) == 8
-
-
-def test_a_sentence_names_where_a_map_is_known_best_and_least() -> None:
-    sigma = np.full((3, 3), 0.015)
-    sigma[1, 1], sigma[2, 0] = 0.009, 0.021
-    sentence = known_sentence(sigma)
-    assert "by 0.9 % of its peak in the middle of the plate, by 2.1 % in the upper left" in sentence

@@ -43,7 +43,7 @@ async def test_a_program_without_zeromq_does_what_a_client_does(daemon: FakeDaem
     async with programs(daemon.directory) as (program,):
         assert (await program.ask("hello"))["body"]["protocol"] == 1
         await program.send(states="every")
-        await program.send(client="page", targets=[TARGET])
+        await program.send(client="page", ttl_s=5.0, targets=[TARGET])  # which a busy machine does not outlast
         felt = await program.next(lambda message: bool(message.get("fingers") and message["fingers"][0]["target_um"]))
         assert [(await program.next())["seq"] - felt["seq"] for _ in range(50)] == list(range(1, 51))
         await program.send(states="none")
