@@ -56,8 +56,9 @@ class Served:
         self.server._break = asyncio.get_running_loop().call_later(PATIENCE_S, lambda: None)
 
     def resume(self) -> None:
-        """Handle what waits."""
-        self.server._resume()
+        """Handle what waits; `waiting` may have consumed the edge of a socket that the server has not seen yet."""
+        self.server._break = None
+        self.server.sweep()
 
     def waiting(self) -> list[bytes]:
         """Read what has come; return what waits to be handled."""
