@@ -98,19 +98,10 @@ any_content = st.one_of(
         amplitude_um=any_number,
         circle_mm=any_number | st.none(),
     ),
-    st.builds(
-        Surface,
-        name=st.just("a"),
-        friction=st.just(1),
-        polygon_mm=st.lists(any_point, max_size=18),
-    ),
+    st.builds(Surface, name=st.just("a"), friction=st.just(1), polygon_mm=st.lists(any_point, max_size=18)),
     st.builds(VirtualFinger, st.lists(any_point, max_size=3), any_number, name=st.just("a")),
     st.builds(Effect, name=st.just("a"), pulse=st.builds(Pulse, any_number, any_number, any_number | st.none())),
-    st.builds(
-        Effect,
-        name=st.just("a"),
-        envelope=st.builds(Envelope, st.lists(any_point, max_size=4), st.booleans()),
-    ),
+    st.builds(Effect, name=st.just("a"), envelope=st.builds(Envelope, st.lists(any_point, max_size=4), st.booleans())),
 )
 FIELDS = {FingerTarget: "targets", VirtualFinger: "virtuals", Surface: "surfaces", Effect: "effects"}
 

@@ -14,9 +14,7 @@ from types import ModuleType
 import pytest
 from fake_daemon import FakeDaemon
 
-from hapticd_client import (
-    Client,
-)
+from hapticd_client import Client
 
 CLIENTS = Path(__file__).parents[2] / "clients"
 NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))

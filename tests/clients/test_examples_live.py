@@ -70,10 +70,7 @@ def test_an_example_runs_on_the_simulated_plate(name: str, service: Path, capsys
 @pytest.mark.timeout(180)
 def test_a_programs_finger_clicks_the_button_by_pressing_and_is_where_it_was_moved() -> None:
     button = example("button")
-    with (
-        rehearsal("hands") as running,
-        Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate,
-    ):
+    with rehearsal("hands") as running, Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate:
         with Finger(plate) as finger:
             button.lay(plate, 0.35, 2.0)
             events = plate.events(PATIENCE_S)

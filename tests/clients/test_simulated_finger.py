@@ -90,18 +90,12 @@ def test_a_way_has_a_step_each_hundredth_of_a_second_and_ends_where_it_leads() -
         (lambda finger: finger.land(69, 0), "land: x_mm is 69: the plate reaches from -68.75 to 68.75 mm."),
         (lambda finger: finger.move((0, 0)), "move: this finger is lifted: land it first."),
         (lambda finger: finger.move((0, 0), speed_mm_s=0), "move: speed_mm_s must be greater than 0."),
-        (
-            lambda finger: finger.land(0, 0, pressure_frac=2),
-            "land: pressure_frac: 2 is out of bounds",
-        ),
+        (lambda finger: finger.land(0, 0, pressure_frac=2), "land: pressure_frac: 2 is out of bounds"),
         (
             lambda finger: (finger.land(0, 0), finger.land(1, 1)),
             "land: this finger is down: move it, or lift it first.",
         ),
-        (
-            lambda finger: (finger.land(0, 0), finger.press(0.5, major_mm=9)),
-            "press: give both axes",
-        ),
+        (lambda finger: (finger.land(0, 0), finger.press(0.5, major_mm=9)), "press: give both axes"),
     ],
 )
 @pytest.mark.usefixtures("rig")

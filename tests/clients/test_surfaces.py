@@ -6,15 +6,7 @@ import pytest
 from asynchronous import wait_for
 from fake_daemon import FakeDaemon
 
-from hapticd_client import (
-    Circle,
-    Client,
-    Gradient,
-    Grating,
-    Noise,
-    Polygon,
-    Rectangle,
-)
+from hapticd_client import Circle, Client, Gradient, Grating, Noise, Polygon, Rectangle
 from hapticd_contract.surfaces import VirtualPath
 
 TRIANGLE = Polygon([(0, 0), (9, 0), (0, 5.5)])

@@ -38,14 +38,8 @@ FINGERS: list[tuple[Callable[[Any], object], str]] = [
     (lambda c: c.marker("two\nlines"), "text: must have 1 .. 100 printable characters."),
 ]
 SURFACES: list[tuple[Callable[[Any], object], str]] = [
-    (
-        lambda c: c.surface("a"),
-        "surface: give exactly one of amplitude_um, friction, grating, map, gradient, noise",
-    ),
-    (
-        lambda c: c.surface("a", (1, 2), friction=1),
-        "shape: must be a Circle, a Rectangle or a Polygon, not (1, 2).",
-    ),
+    (lambda c: c.surface("a"), "surface: give exactly one of amplitude_um, friction, grating, map, gradient, noise"),
+    (lambda c: c.surface("a", (1, 2), friction=1), "shape: must be a Circle, a Rectangle or a Polygon, not (1, 2)."),
     (
         lambda c: c.surface("a", Polygon([(0, 0), (1, 1), 5]), friction=1),
         "polygon_mm[2]: must be a list, not a whole number.",

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from hapticd.core.board.link import (
-    BAD_FOR_NS,
-    PATIENT_QUESTION_EVERY_NS,
-    QUESTION_EVERY_NS,
-    QUESTIONS,
-    SendWindow,
-)
+from hapticd.core.board.link import BAD_FOR_NS, PATIENT_QUESTION_EVERY_NS, QUESTION_EVERY_NS, QUESTIONS, SendWindow
 
 MS = 1_000_000
 T0_NS = 70_000_000_000

@@ -99,10 +99,7 @@ def test_layers_are_blended_into_what_is_below_them() -> None:
     below = Surface.of(Amplitude(1.2), z=0, blend="max")
     assert [
         felt_um(a_scene(base=Surface.of(ONE, SQUARE, z=-1), below=below, top=top), x_mm) for x_mm in (0.0, 20.0)
-    ] == [
-        1.7,
-        1.7,
-    ]
+    ] == [1.7, 1.7]
 
 
 # --- motion -----------------------------------------------------------------------------------------------------
