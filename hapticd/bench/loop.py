@@ -23,6 +23,7 @@ from ..sim.world_errors import NEUTRAL
 from ..sim.world_tolerances import draw
 from ..tools import touch_correction as correction
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
+from .matched_person import matched_factor
 
 HAPTICD, PAPER, PERFECT = "hapticd", "the paper's scheme", "perfect knowledge"
 GUIDED = "hapticd after a guided minute"
@@ -70,10 +71,13 @@ def play(job: Job) -> dict[str, Score]:
         scores[GUIDED] = run(*daemons[GUIDED]).score
     if job.felt_um:
         asking = replace(SCENARIOS[SCENARIO], build=partial(strokes, targets_um=(job.felt_um, STICKY_UM)))
+        knowing = {
+            scheme: (knowing_person(settings, matched_factor(settings, known, job.seed, job.seconds)), known)
+            for scheme, (settings, known) in daemons.items()
+        }
         for asked, (friction_targets, knows_person) in ASKED.items():
-            for scheme, (settings, known) in daemons.items():
-                settings = replace(settings, friction_targets=friction_targets)
-                felt = run(knowing_person(settings, job.seed) if knows_person else settings, known, asking)
+            for scheme, (settings, known) in (knowing if knows_person else daemons).items():
+                felt = run(replace(settings, friction_targets=friction_targets), known, asking)
                 scores[f"{asked}: {scheme}"] = felt.score
             scores[f"{asked}: {PERFECT}"] = perfect(felt).score  # whatever the daemon knows
     return scores

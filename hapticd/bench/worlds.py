@@ -16,10 +16,11 @@ from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM
 from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
-from ..sim.settings import CALIBRATED_FRAC, Settings
+from ..sim.settings import Settings
 from ..sim.world_tolerances import LEVELS
 from . import loop
 from .loop import ASKED, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job
+from .matched_person import CALIBRATED_FRAC
 from .tables import Table
 
 MILD, LABORATORY, WORST = LEVELS
@@ -81,7 +82,7 @@ def _felt(laboratories: dict[str, _Scores]) -> Table:
     notes = (
         "medians over the laboratories; felt, within two: both fingers within one or two JND (0.11) of what was asked",
         "amplitudes: judged by what they give this person, even over the contact; frictions: by themselves",
-        f"curve known: the person's scale, just calibrated to {100 * CALIBRATED_FRAC:g} % RMS, for all fingers",
+        f"curve known: the person's scale, matched on this plate to {100 * CALIBRATED_FRAC:g} % RMS, for all fingers",
     )
     each = ", ".join(f"{len(worlds)} x {glass}" for glass, worlds in laboratories.items())
     return Table("worlds_felt", f"worlds: {SCENARIO}, what is felt in laboratories, {each}", rows, notes)

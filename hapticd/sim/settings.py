@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.loader import on_plate, with_uncertainty
 from ..config.sections import Config
@@ -23,8 +21,6 @@ from .plate.glasses import find_glass
 from .plate.ground_truth import GroundTruth, PlateSettings
 from .world_errors import WorldErrors
 
-CALIBRATED_FRAC = 0.045  # RMS, where the reference that a person matches is known to 5 %
-_CALIBRATION_STREAM = 27
 SCHEMES = ("hapticd", "paper")
 _POSITIVE = ("speed_mm_s", "report_period_ms")
 _NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
@@ -87,15 +83,15 @@ def in_world(settings: Settings, world: WorldErrors) -> Settings:
     return replace(settings, plate=replace(settings.plate, world=world))
 
 
-def knowing_person(settings: Settings, seed: int) -> Settings:
-    """Return settings whose daemon has the curve that `hapticd calibrate person` finds: of the person, not of each
-    finger, with a random error of its scale. That error is what is left of `friction_factor`."""
+def knowing_person(settings: Settings, factor: float) -> Settings:
+    """Return settings whose daemon takes the person for one whose friction answers `factor` times as much to amplitude
+    as the usual person's. What is wrong with that is left of `friction_factor`."""
     world, usual = settings.plate.world, DEFAULT_FRICTION_CURVE
-    error = 1.0 + CALIBRATED_FRAC * float(np.random.default_rng([seed, _CALIBRATION_STREAM]).standard_normal())
-    curve = (0.0, usual.full_um / (world.friction_factor * error))
-    plate = replace(settings.config.plate, friction_curve=curve, friction_floor_frac=usual.floor_frac)
+    plate = replace(
+        settings.config.plate, friction_curve=(0.0, usual.full_um / factor), friction_floor_frac=usual.floor_frac
+    )
     knowing = replace(settings, config=replace(settings.config, plate=plate))
-    return in_world(knowing, replace(world, friction_factor=1.0 / error))
+    return in_world(knowing, replace(world, friction_factor=world.friction_factor / factor))
 
 
 def paper_settings(played: Settings) -> Settings:
