@@ -7,13 +7,15 @@ from typing import Any
 import pytest
 
 from hapticd.bench import worlds
-from hapticd.bench.loop import GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, Job, felt_figures, play
+from hapticd.bench.loop import GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, Job, felt_figures, measured, play
+from hapticd.bench.matched_person import matched_factor
 from hapticd.bench.tables import Table
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import REAL, SLIPPERY_UM
 from hapticd.sim.plate.glasses import WIDE
 from hapticd.sim.plate.ground_truth import PlateSettings
-from hapticd.sim.settings import Settings
+from hapticd.sim.settings import Settings, in_world
+from hapticd.sim.world_errors import SensorErrors, Skin, WorldErrors
 from hapticd.sim.world_tolerances import LEVELS
 from hapticd.tools import campaigns
 
@@ -46,6 +48,19 @@ def test_frictions_but_not_amplitudes_are_too_slippery_where_the_person_is_not_k
         for asked in ("frictions", "frictions, curve known", "amplitudes")
     )
     assert frictions < min(known, amplitudes) - 1.0
+
+
+def test_a_person_is_matched_in_the_plates_own_amplitudes_and_by_own_strokes() -> None:
+    settings = Settings(motion=REAL, plate=PlateSettings.of(WIDE))
+
+    def factor(**errors: Any) -> float:
+        played = in_world(settings, WorldErrors(**errors))
+        return matched_factor(played, measured(played, 1), 1, 2.0)
+
+    usual = factor()
+    assert factor(friction_factor=1.3) == pytest.approx(1.3 * usual, rel=0.02)
+    assert factor(sensors=SensorErrors((0.05,) * 8)) < 0.98 * usual  # the plate moves less than they read
+    assert factor(skin=Skin(speed_s_m=1.0)) < 0.99 * usual  # hands are faster than the finger of the factor
 
 
 def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str, Table]) -> None:
