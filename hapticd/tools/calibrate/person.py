@@ -1,7 +1,8 @@
 """A participant's friction curve without a force sensor: which is more slippery, the plate or a reference beside it?
 
-The running service drives the plate; its amplitude is what telemetry says of the finger's contact. The person answers
-at the terminal or on a page, while which is closed the comparison waits and the plate is quiet.
+The running service drives the plate; its amplitude is the even one that gives what telemetry says is felt: where it is
+not even over a contact, its RMS is larger. The person answers at the terminal or on a page, while which is closed the
+comparison waits and the plate is quiet.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from ...design.person import FULL_UM, Answer, Ask, Match
 from ...errors import CalibrationError, HapticdError, UsageError
 from ...sim.observer import KINDS, REFERENCE, SimulatedObserver
 from .. import arguments
+from ..served_friction import served_curve
 from . import folder
 from .step import Figure, MissingInput, Outcome, Step, Verdict, add_participant
 
@@ -121,6 +123,7 @@ class TypingFront:
 def compared(front: TypingFront | QuestionPage, client: Client, amplitude_um: float, **progress: int) -> Answer:
     """Ask the person, who may close a page and come back. Raises HapticdError."""
     felt_um: list[float] = []
+    curve = served_curve(client.plate())
     is_laid: bool | None = None  # not known: the page may have been closed since the comparison before
     for state in client.states(SILENT_S):
         if is_laid is not front.is_open:
@@ -131,8 +134,8 @@ def compared(front: TypingFront | QuestionPage, client: Client, amplitude_um: fl
         key = front.pressed()
         if is_laid and len(felt_um) < STROKED:
             fingers = [finger for finger in state.fingers if not finger.virtual]
-            if len(fingers) == 1 and fingers[0].contact_um is not None:
-                felt_um.append(fingers[0].contact_um)
+            if len(fingers) == 1 and fingers[0].felt_friction is not None:
+                felt_um.append(curve.amplitude_um(fingers[0].felt_friction))
             if len(felt_um) == STROKED:
                 front.show(heading="Which is more slippery, plate or reference?", is_ready=True, **progress)
         elif is_laid and key in ANSWERS.values():

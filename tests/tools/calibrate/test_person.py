@@ -19,11 +19,13 @@ from asynchronous import until
 from hapticd.__main__ import main
 from hapticd.config import person as participants
 from hapticd.config.sections import Config, PlateConfig
+from hapticd.core.friction import FrictionCurve
 from hapticd.daemon.settings import friction_curve
 from hapticd.sim.observer import KINDS, SimulatedObserver
 from hapticd.tools.calibrate import person
 
 SEED = 2
+SERVED = FrictionCurve.exponential(decay_um=0.8)
 
 
 def test_comparisons_and_a_force_sensor_give_the_same_file_and_agree(tmp_path: Path) -> None:
@@ -64,6 +66,10 @@ class Plate:
     def __exit__(self, *_: object) -> None:
         self.laid_um.append(0.0)
 
+    def plate(self) -> dict[str, Any]:
+        relative = (1.0, SERVED.floor_frac)
+        return {"friction_curve": [[um, share] for um, share in zip((0.0, SERVED.full_um), relative, strict=True)]}
+
     def surface(self, _: str, *, amplitude_um: float) -> None:
         self.laid_um.append(amplitude_um)
 
@@ -71,11 +77,12 @@ class Plate:
         self.laid_um.append(0.0)
 
     def states(self, _: float) -> Iterator[Any]:
-        one = SimpleNamespace(virtual=False, contact_um=0.95 * self.laid_um[-1])
+        one = SimpleNamespace(virtual=False, contact_um=0.0, felt_friction=1.0)
         yield SimpleNamespace(fingers=(one, one))
         while True:
             time.sleep(0.0)  # the page's thread goes on
-            one.contact_um = 0.95 * self.laid_um[-1]
+            one.contact_um = 1.2 * self.laid_um[-1]  # RMS: it is uneven
+            one.felt_friction = SERVED.friction_frac(SERVED.friction(0.95 * self.laid_um[-1]))
             yield SimpleNamespace(fingers=(one,))
 
     def answer(self, _: str = "") -> str:
