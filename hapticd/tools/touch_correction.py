@@ -170,15 +170,19 @@ def known_better(touched: Touched, judged: TouchCalibration) -> dict[str, Any]:
     before, limits_um = config.uncertainty, config.limits.w_limit_um
     if judged.waves is None:
         return _room_for_other_modes(touched, judged)
+    better: dict[str, Any] = {}
+    if judged.map_sigma is not None:
+        map_frac = float(np.sqrt(np.mean(judged.map_sigma**2)))
+        better["map_frac"] = min(before.map_frac, round(map_frac, 4))
     if not has_sensors(touched):
-        return {}
+        return better
     sigma = judged.sigma.sense.ravel()[1:]
     sensors_frac = min(before.sensors_frac, round(float(np.sqrt(np.mean(np.abs(sigma) ** 2))), 4))
     all_over_largest = math.hypot(*limits_um) / max(limits_um)
     before_frac = math.hypot(all_over_largest * before.sensors_frac, before.gain_frac)
     gain_frac = math.sqrt(max(before_frac**2 - (all_over_largest * sensors_frac) ** 2, 0.0))
     gain_frac = min(round(gain_frac, 4), UncertaintyConfig().sensors_frac)
-    return {"sensors_frac": sensors_frac, "gain_frac": gain_frac}
+    return better | {"sensors_frac": sensors_frac, "gain_frac": gain_frac}
 
 
 def _room_for_other_modes(touched: Touched, judged: TouchCalibration) -> dict[str, Any]:

@@ -165,6 +165,9 @@ def test_map_and_sensors_are_known_better_with_the_map_but_for_the_gain_that_all
     assert known.sensors_frac == 0.002
     assert nearer_um >= 0.0
     assert left(usual, 0.05)[0] == left(usual, 0.004, has_sensors=False)[0] == usual
+    mapped = replace(judged(Calibration.nominal(2), waves), map_sigma=np.full((3, 3), 0.014))
+    header = replace(touched.header, config=replace(config, uncertainty=usual))
+    assert known_better(touched._replace(header=header), mapped) == {"map_frac": 0.014}
     assert known_better(touched, judged(Calibration.nominal(2))) == {}
 
 
