@@ -17,7 +17,7 @@ from .friction import FrictionCurve
 from .plate.bicubic import POINT
 from .plate.contact import JUDGED_DISC, ContactEllipse, disc_points
 from .plate.mode_shapes import ModeShapes
-from .plate.splines import evaluate
+from .plate.splines import evaluate, perceive
 from .uncertainty import CERTAIN, Uncertainty, interval_um
 
 
@@ -112,31 +112,13 @@ class ContactPerception:
                 xx_mm = yy_mm = 2.0 * math.sqrt(place_mm2)
             size_mm2 += 4.0 * place_mm2
         map_frac, sensors_frac = self.uncertainty.map_frac, self.uncertainty.sensors_frac
-        parts_um = [(w_um.real, w_um.imag) for w_um in modal_um]
-        all_um2 = 0.0
-        for mode_d_um, mode_q_um in parts_um:
-            all_um2 += mode_d_um * mode_d_um + mode_q_um * mode_q_um
-        map_um2, sensors_um2 = map_frac * map_frac * all_um2, sensors_frac * sensors_frac * all_um2
-        friction = known_um2 = errors_um2 = mean_d_um = mean_q_um = 0.0
+        parts_um = array("d", [part_um for w_um in modal_um for part_um in (w_um.real, w_um.imag)])
+        all_um2 = sum([part_um * part_um for part_um in parts_um])
         disc = disc if size_mm2 > 0.0 else POINT
         over = evaluate(modes.tables, disc, array("d", (x_mm, y_mm, xx_mm, xy_mm, yy_mm)), False)
-        rows, weights = array("d", over), disc[:, 2].tolist()
-        for point in range(len(weights)):
-            weight: float = weights[point]
-            w_d_um = w_q_um = shapes = 0.0
-            for mode in range(len(parts_um)):
-                phi: float = rows[point * len(parts_um) + mode]
-                mode_d_um, mode_q_um = parts_um[mode]
-                w_d_um += phi * mode_d_um
-                w_q_um += phi * mode_q_um
-                shapes += phi * phi
-            size_um2 = w_d_um * w_d_um + w_q_um * w_q_um
-            error_um2 = map_um2 + shapes * sensors_um2
-            friction += weight * self.curve.friction(math.sqrt(size_um2 + error_um2) / speed_gain)
-            known_um2 += weight * size_um2
-            errors_um2 += weight * error_um2
-            mean_d_um += weight * w_d_um
-            mean_q_um += weight * w_q_um
+        map_um2, sensors_um2 = map_frac * map_frac * all_um2, sensors_frac * sensors_frac * all_um2
+        means = perceive(over, disc, parts_um, self.curve.table, speed_gain, map_um2, sensors_um2)
+        friction, known_um2, errors_um2, mean_d_um, mean_q_um = means
         unsure_um2 = errors_um2
         if place_mm2 > 0.0:  # place^2 |gradient|^2 is that share of what varies over the contact
             varies_um2 = known_um2 - (mean_d_um * mean_d_um + mean_q_um * mean_q_um)

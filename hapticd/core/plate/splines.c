@@ -1,4 +1,5 @@
-/* Bicubic surfaces at points: `bicubic.py` has their coefficients, `splines.pyi` the shapes of the arrays.
+/* Bicubic surfaces at points, and what contacts there feel: `bicubic.py` has the coefficients, `splines.pyi` the shapes
+ * of the arrays.
  *
  * The compiler may not fuse products into sums: every machine gives the same bits. */
 
@@ -97,7 +98,55 @@ static PyObject *evaluate(PyObject *module, PyObject *arguments)
     return answer;
 }
 
-static PyMethodDef methods[] = {{"evaluate", evaluate, METH_VARARGS, "See splines.pyi."}, {NULL, NULL, 0, NULL}};
+/* Friction at an amplitude of a finger at rest, by a `FrictionCurve.table`. */
+static double friction(const Py_buffer *curve, double at_um)
+{
+    const Py_ssize_t pieces = (doubles(curve) - 2) / 3;
+    const double *ends = curve->buf, *starts_um = ends + 2, *origins_um = starts_um + pieces;
+    Py_ssize_t piece = 0;
+    while (piece + 1 < pieces && at_um >= starts_um[piece + 1])
+        piece++;
+    return at_um < ends[0] ? exp((origins_um[piece] - at_um) * origins_um[pieces + piece]) : ends[1];
+}
+
+static PyObject *perceive(PyObject *module, PyObject *arguments)
+{
+    enum { SHAPES, DISC, MODAL, CURVE };
+    (void)module;
+    Py_buffer given[4];
+    double speed_gain, fixed_um2, each_um2, felt = 0.0, known_um2 = 0.0, errors_um2 = 0.0, mean_d_um = 0.0, mean_q_um = 0.0;
+    if (!PyArg_ParseTuple(arguments, "y*y*y*y*ddd", &given[0], &given[1], &given[2], &given[3], &speed_gain, &fixed_um2, &each_um2))
+        return NULL;
+    const Py_ssize_t points = doubles(&given[DISC]) / 3, modes = doubles(&given[MODAL]) / 2;
+    const int fits = doubles(&given[SHAPES]) == points * modes && doubles(&given[CURVE]) >= 5;
+    const double *row = given[SHAPES].buf, *modal_um = given[MODAL].buf, *unit = given[DISC].buf;
+    for (Py_ssize_t index = 0; fits && index < points; index++, row += modes, unit += 3) {
+        double d_um = 0.0, q_um = 0.0, squares = 0.0;
+        for (Py_ssize_t k = 0; k < modes; k++) {
+            d_um += row[k] * modal_um[2 * k];
+            q_um += row[k] * modal_um[2 * k + 1];
+            squares += row[k] * row[k];
+        }
+        const double size_um2 = d_um * d_um + q_um * q_um, error_um2 = fixed_um2 + squares * each_um2;
+        felt += unit[2] * friction(&given[CURVE], sqrt(size_um2 + error_um2) / speed_gain);
+        known_um2 += unit[2] * size_um2;
+        errors_um2 += unit[2] * error_um2;
+        mean_d_um += unit[2] * d_um;
+        mean_q_um += unit[2] * q_um;
+    }
+    for (int index = 0; index < 4; index++)
+        PyBuffer_Release(&given[index]);
+    if (fits)
+        return Py_BuildValue("ddddd", felt, known_um2, errors_um2, mean_d_um, mean_q_um);
+    PyErr_SetString(PyExc_ValueError, "splines: the arrays' lengths do not fit");
+    return NULL;
+}
+
+static PyMethodDef methods[] = {
+    {"evaluate", evaluate, METH_VARARGS, "See splines.pyi."},
+    {"perceive", perceive, METH_VARARGS, "See splines.pyi."},
+    {NULL, NULL, 0, NULL},
+};
 
 static struct PyModuleDef definition = {
     PyModuleDef_HEAD_INIT, "splines", "Bicubic surfaces at points.", -1, methods, NULL, NULL, NULL, NULL,

@@ -25,5 +25,7 @@ def descend(
     `shapes` (N, Q, M) are those at the points of contacts, which have `weights` (Q,); with one point each finger is
     one. `fingers` (8, N) are target in um, friction, how much an error counts at most (`counted_jnd`), stickiness, gain
     with speed and logarithm of the weight; then come, as answers, errors in just noticeable differences and the RMS
-    over each contact. `curve` is a `FrictionCurve.table`.
+    over each contact. Weights are kept from call to call, from 0 on. `curve` is a `FrictionCurve.table`.
+
+    Where a contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
     """

@@ -64,6 +64,8 @@ from .felt_descent import descend
 Pair = tuple[float, float]
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 
+_Asked = tuple[FrictionCurve, list[float], list[float], list[int]]  # targets in um, gains with speed, priorities
+
 ITERATIONS: Final = 7  # of a call
 FIRST: Final = (0.7, 0.9)  # frictions from which on errors count in full where not all can be had: in part, altogether
 MOST_SLIPPERY: Final = 0.8  # of a just noticeable difference: as much of a slippery finger's error counts
@@ -120,7 +122,8 @@ class InstantSolver:
         self._disc: Final = np.array(SOLVED_DISC) if self.has_contacts else POINT
         self._weights: Final = self._disc[:, 2].copy()
         self._derates: Final = derates
-        self._log_weights: list[float] = []
+        self._asked: _Asked = friction_curve, [], [], []
+        self._table = finger_table(friction_curve, [], [], [], [])  # of those fingers, with the weights that they have
 
     def solve(
         self,
@@ -133,27 +136,31 @@ class InstantSolver:
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
         `speed_gains` (N,), the gains of the amplitude that each finger needs as it slides, `priorities` (N,), and
-        `ellipses` (N,) where they are known."""
+        `ellipses` (N,) where they are known. Without a slipping finger the amplitudes are 0; no mode moves by more than
+        the plate follows, so that a pattern that begins from silence keeps its contrast."""
         solution = None if self.has_contacts else self._solve_two(places, previous_um)
         if solution is not None:
             return solution
         fingers, targets_um = len(places), [target_um for _, _, target_um in places]
-        if len(self._log_weights) != fingers:
-            self._log_weights = [0.0] * fingers
+        asked = self.curve, targets_um, speed_gains or [1.0] * fingers, priorities or [0] * fingers
+        if asked != self._asked:
+            had = self._table.tolist()
+            log_weights = had[5 * fingers : 6 * fingers] if len(had) == 8 * fingers else [0.0] * fingers
+            self._asked, self._table = asked, finger_table(self.curve, targets_um, log_weights, asked[2], asked[3])
+        if not any(targets_um):
+            return ModalSolution(places, [0.0] * fingers, (0j,) * len(previous_um), False)
         most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns if self.has_contacts else math.inf
-        modal_um, achieved_um, limited = solve_felt(
+        modal_um, limited = descend(
             self.shapes(self._disc, places, ellipses),
             self._weights,
-            self.curve,
-            targets_um,
+            self._table,
+            self.curve.table,
             self.limits_um,
             previous_um,
-            self._log_weights,
-            speed_gains or [1.0] * fingers,
-            priorities or [0] * fingers,
+            ITERATIONS,
             most_step_um,
         )
-        return ModalSolution(places, achieved_um, modal_um, limited)
+        return ModalSolution(places, self._table[7 * fingers :].tolist(), modal_um, limited)
 
     def shapes(
         self,
@@ -198,35 +205,6 @@ class InstantSolver:
 
 def _along(row: Pair, modal_um: Pair) -> float:
     return row[0] * modal_um[0] + row[1] * modal_um[1]
-
-
-def solve_felt(
-    shapes: bytes,
-    weights: FloatArray,
-    curve: FrictionCurve,
-    targets_um: list[float],
-    limits_um: FloatArray,
-    modal_um: Phasors,
-    log_weights: list[float],
-    speed_gains: list[float],
-    priorities: list[int],
-    most_step_um: float = math.inf,
-) -> tuple[Phasors, list[float], bool]:
-    """Return W (M,), moved to where the largest error is least, each contact's RMS (N,), and `limited`.
-
-    Shapes and weights are those of `descend`; `speed_gains` (N,) and `priorities` (N,) those of `InstantSolver.solve`.
-    Where a contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
-    `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. No mode moves by
-    more than `most_step_um`: a pattern that begins from silence keeps its contrast.
-    """
-    fingers = len(targets_um)
-    if not any(target_um > 0.0 for target_um in targets_um):
-        return (0j,) * len(modal_um), [0.0] * fingers, False
-    table = finger_table(curve, targets_um, log_weights, speed_gains, priorities)
-    moved_um, limited = descend(shapes, weights, table, curve.table, limits_um, modal_um, ITERATIONS, most_step_um)
-    found = table.tolist()
-    log_weights[:] = found[5 * fingers : 6 * fingers]
-    return moved_um, found[7 * fingers :], limited
 
 
 def finger_table(

@@ -18,7 +18,7 @@ import numpy as np
 from ..phasors import Phasors
 from ..plate.contact import JUDGED_DISC, SOLVED_DISC, ContactEllipse
 from .felt_descent import COLD, descend
-from .instant import AskedPlace, InstantSolver, finger_table, solve_felt
+from .instant import ITERATIONS, AskedPlace, InstantSolver, finger_table
 
 MISSED_JND: Final = 1.0
 STEPS: Final = 8  # between bare glass and the most slippery
@@ -98,11 +98,12 @@ class ReachSearch:
         """Return the state after one call for the first fingers, which have these targets, and their errors there."""
         count, limits_um, curve = len(targets_um), self._solver.limits_um, self._solver.curve
         shapes, judged = (of_all[: count * len(of_all) // len(self._speed_gains)] for of_all in self._shapes)
-        given = state[1].copy(), self._speed_gains[:count], self._priorities[:count]
-        modal_um, _, _ = solve_felt(shapes, self._weights[0], curve, targets_um, limits_um, state[0], *given)
-        table = finger_table(curve, targets_um, *given)
-        descend(judged, self._weights[1], table, curve.table, limits_um, modal_um, 0, math.inf)
-        return (modal_um, given[0]), table[6 * count : 7 * count].tolist()
+        table = finger_table(curve, targets_um, state[1], self._speed_gains[:count], self._priorities[:count])
+        given, modal_um = (table, curve.table, limits_um), self._silence(0)[0]
+        if any(targets_um):
+            modal_um, _ = descend(shapes, self._weights[0], *given, state[0], ITERATIONS, math.inf)
+        descend(judged, self._weights[1], *given, modal_um, 0, math.inf)
+        return (modal_um, table[5 * count : 6 * count].tolist()), table[6 * count : 7 * count].tolist()
 
 
 def _longest_run(is_good: list[bool]) -> tuple[int, int]:

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver, solve_felt
+from hapticd.core.solver.felt_descent import descend
+from hapticd.core.solver.instant import ITERATIONS, SLEW_UM_NS, InstantSolver, finger_table
 from hapticd.core.touch.contact_ellipse import ContactTracker, EllipseScale
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
@@ -173,9 +174,10 @@ def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data:
     limits_um, weights = 10.0 ** random.uniform(-3, 2, modes), np.full(5, 0.2)
     modal_um, logs, priorities = (0j,) * modes, [0.0] * fingers, random.integers(0, 4, fingers).tolist()
     for _ in range(4):
-        modal_um, rms_um, _ = solve_felt(
-            phi.tobytes(), weights, curve, targets_um, limits_um, modal_um, logs, [1.0] * fingers, priorities
-        )
+        table = finger_table(curve, targets_um, logs, [1.0] * fingers, priorities)
+        given = phi.tobytes(), weights, table, curve.table, limits_um, modal_um
+        modal_um, _ = descend(*given, ITERATIONS, math.inf)
+        logs, rms_um = table[5 * fingers : 6 * fingers].tolist(), table[7 * fingers :].tolist()
         assert np.isfinite(modal_um).all()
         assert np.isfinite(logs).all()
         assert np.all(np.abs(modal_um) <= limits_um)
@@ -206,11 +208,12 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
         if data.draw(st.booleans()):
             points_mm[-1] = points_mm[0]
         wanted_um = data.draw(st.lists(st.sampled_from((0.0, 5e-324, 0.3, 1.0, 1e300)), min_size=count, max_size=count))
-        one._log_weights = random.choice((0.0, 5e-324, 4.6, -4.6), count).tolist()
+        logs, alike = random.choice((0.0, 5e-324, 4.6, -4.6), count).tolist(), [1.0] * count
+        one._asked, one._table = (one.curve, [], [], []), finger_table(one.curve, wanted_um, logs, alike, [0] * count)
         since_ns = data.draw(st.sampled_from((1, 500_000, 17_000_000)))
         for _ in range(3):
             before_um = modal_um
-            solution = one.solve(places(points_mm, tuple(wanted_um)), before_um, since_ns, [1.0] * count)
+            solution = one.solve(places(points_mm, tuple(wanted_um)), before_um, since_ns, alike)
             modal_um = tuple(map(complex, solution.modal_um))
             assert np.isfinite(modal_um).all()
             assert np.isfinite(solution.achieved_um).all()
