@@ -37,7 +37,7 @@ from .section import wave_hz, wave_rad_mm
 # place of a patch. GLUE_FRAC is of a patch's stiffness and force: 5 to 15 um of epoxy shear over 0.4 to 0.7 mm at each
 # of its edges, an estimate.
 SIZE_MM, YOUNG_FRAC, THICKNESS_MM, PATCH_MM, GLUE_FRAC = 0.1, 0.02, 0.2, 0.5, 0.2
-NEAR_HZ = 250.0  # from the drive that is expected: drives that are sought
+NEAR_HZ = 600.0  # from the drive that is expected: modes that are scanned, so that some stay undriven
 SCAN_STEP_MM = 6.0
 PLACES = 300
 _STREAM = 51

@@ -48,7 +48,7 @@ def test_the_map_agrees_with_the_daemon_s_solver_and_the_simulation_s_quadrature
     command = ["plate", "map", "--plate", "fingertip", "--finger=-30,20", "--friction", "0.2,1", "--cells", "9"]
     assert main([*command, "--out", str(out), "--plot", str(picture)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("a plate of 200 x 200 mm, 4 modes")
+    assert lines[0].startswith("a plate of 190 x 190 mm, 4 modes")
     assert picture.stat().st_size > 0
     with np.load(out) as arrays:
         x_mm, y_mm = arrays["x_mm"], arrays["y_mm"]

@@ -86,7 +86,7 @@ def test_a_simulated_plate_brings_its_size_and_limits_with_its_map(
     lower = replace(configuration, limits=replace(configuration.limits, w_limit_um=(1.0, 1.0, 1.0, 1.0)))
     prepared, limited = config_loader.prepare(configuration), config_loader.prepare(lower)
     assert prepared.modes.M == 4
-    assert prepared.config.plate.size_mm == (200.0, 200.0)
+    assert prepared.config.plate.size_mm == (190.0, 190.0)
     assert prepared.config.limits.w_limit_um == pytest.approx(plate.w_limit_um)
     assert pipeline_settings(prepared.config).contact_radius_mm == 5.0  # whole fingertips
     assert limited.config.limits.w_limit_um == (1.0, 1.0, 1.0, 1.0)  # a person's own stay

@@ -2,7 +2,7 @@
 
 reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y, at the frequency that was measured, are driven; the
             next pair is 115 Hz below them.
-fingertip   200 x 200 x 2 mm: four modes of one family within 156 Hz of the drive, the next one 408 Hz away, so that a
+fingertip   190 x 190 x 3 mm: four modes of one family within 130 Hz of the drive, the next one 624 Hz away, so that a
             whole fingertip can be still, by four patches of 20 x 10 x 0.5 mm.
 wide        210 x 210 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 156 Hz of the
             drive, the next one 549 Hz away, by eight patches of 20 x 10 x 0.5 mm.
@@ -95,18 +95,18 @@ GLASSES = {
         reach_um=6.0,
     ),
     FINGERTIP: Glass(
-        size_mm=(200.0, 200.0),
-        thickness_mm=2.0,
-        band_hz=(32715.9 - FARTHEST_HZ, 32715.9 + FARTHEST_HZ),
-        drive_hz=32715.9,
-        modes=("1x17", "17x0", "0x17", "17x1", "2x17", "8x15", "17x2", "15x8"),
+        size_mm=(190.0, 190.0),
+        thickness_mm=3.0,
+        band_hz=(26185.8 - FARTHEST_HZ, 26185.8 + FARTHEST_HZ),
+        drive_hz=26185.8,
+        modes=("12x0", "1x12", "0x12", "12x1", "2x12", "11x5", "12x2", "5x11"),
         driven=4,
-        reach_um=(6.689, 7.892, 12.109, 19.164),
+        reach_um=(6.378, 18.344, 16.995, 19.622),
         patches=(
-            (-92.5, 90.0, 10.0, 20.0, 0.5),
-            (90.0, -92.5, 20.0, 10.0, 0.5),
-            (-92.5, -90.0, 10.0, 20.0, 0.5),
-            (-90.0, -17.5, 20.0, 10.0, 0.5),
+            (-85.0, 17.5, 20.0, 10.0, 0.5),
+            (82.5, 85.0, 10.0, 20.0, 0.5),
+            (0.0, -85.0, 10.0, 20.0, 0.5),
+            (85.0, 65.0, 20.0, 10.0, 0.5),
         ),
     ),
     WIDE: Glass(

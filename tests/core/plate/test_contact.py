@@ -29,7 +29,7 @@ def test_seven_points_agree_with_a_quadrature_of_the_disc(modes: ModeShapes) -> 
 
 def test_an_uncertain_disc_is_the_mean_over_the_places_where_it_may_be(modes: ModeShapes) -> None:
     random, sigma_mm = np.random.default_rng(3), 0.8
-    places_mm = np.array([12.0, -30.0]) + sigma_mm * random.normal(size=(4000, 2))
+    places_mm = np.array([12.0, -30.0]) + sigma_mm * random.normal(size=(20000, 2))
     expected = contact_grams(modes, places_mm, 5.0).mean(axis=0)
     certain, grown = (
         contact_grams(modes, [(12.0, -30.0)], radius_mm)[0] for radius_mm in (5.0, math.hypot(5.0, 2.0 * sigma_mm))

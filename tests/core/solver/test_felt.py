@@ -85,7 +85,7 @@ def test_both_fingers_feel_what_was_asked_in_this_share_of_places(
 
 
 def test_where_not_both_can_be_had_the_sticky_finger_is_as_asked(plate: ModeShapes) -> None:
-    weak_um = tuple(limit_um / 6.0 for limit_um in LIMITS_UM)
+    weak_um = tuple(limit_um / 10.0 for limit_um in LIMITS_UM)
     errors = np.array(
         [errors_jnd(pair, (1.0, 0.0), settled(plate, pair, (1.0, 0.0), weak_um)) for pair in pairs(4, 30)]
     )
@@ -118,9 +118,9 @@ def test_of_three_priorities_the_second_comes_before_the_third_and_of_equal_ones
     falling = np.median(mixed_errors_jnd(plate, [2, 1, 0]), axis=0)
     assert falling[0] < 1.0
     assert falling[1] < 0.5 * falling[2]
-    both_high = np.quantile(mixed_errors_jnd(plate, [3, 3, 1]), 0.9, axis=0)
+    both_high, equal = (np.quantile(mixed_errors_jnd(plate, of), 0.9, axis=0) for of in ([3, 3, 1], [0, 0, 0]))
     assert both_high[1] < 1.0
-    assert both_high[1] < both_high[0] < np.median(mixed_errors_jnd(plate, [0, 0, 0]), axis=0)[0]
+    assert both_high[1] < both_high[0] < equal[0]
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 0.7, 0.8, 0.9, 0.93, 0.95, 0.98])
