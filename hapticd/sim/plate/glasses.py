@@ -4,8 +4,8 @@ reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y, at the frequen
             next pair is 115 Hz below them.
 fingertip   190 x 190 x 3 mm: four modes of one family within 130 Hz of the drive, the next one 624 Hz away, so that a
             whole fingertip can be still, by four patches of 20 x 10 x 0.5 mm.
-wide        210 x 210 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 156 Hz of the
-            drive, the next one 549 Hz away, by eight patches of 20 x 10 x 0.5 mm.
+wide        210 x 210 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 143 Hz of the
+            drive, the next one 463 Hz away, by eight patches of 20 x 10 x 0.5 mm.
 
 Patches are glued along the edges: modes are those with their mass and stiffness, and the reach is theirs, at 150 V
 (`hapticd plate --felt`).
@@ -112,20 +112,20 @@ GLASSES = {
     WIDE: Glass(
         size_mm=(210.0, 210.0),
         thickness_mm=3.0,
-        band_hz=(29288.8 - FARTHEST_HZ, 29288.8 + FARTHEST_HZ),
-        drive_hz=29288.8,
-        modes=("12x7", "13x5", "7x12", "0x14", "14x1", "5x13", "1x14", "14x1#2", "14x2", "2x14", "11x8", "8x11"),
+        band_hz=(29333.9 - FARTHEST_HZ, 29333.9 + FARTHEST_HZ),
+        drive_hz=29333.9,
+        modes=("0x14", "13x5", "7x12", "12x7", "5x13", "1x14", "12x7#2", "14x0", "14x2", "2x14", "8x11", "11x8"),
         driven=8,
-        reach_um=(6.001, 7.056, 9.866, 12.9, 12.155, 9.179, 11.717, 24.213),
+        reach_um=(6.158, 8.499, 11.403, 10.82, 14.648, 12.48, 12.454, 20.403),
         patches=(
-            (15.0, -95.0, 10.0, 20.0, 0.5),
-            (-95.0, 45.0, 20.0, 10.0, 0.5),
-            (52.5, 95.0, 10.0, 20.0, 0.5),
-            (-95.0, 72.5, 20.0, 10.0, 0.5),
-            (-95.0, 15.0, 20.0, 10.0, 0.5),
-            (27.5, -95.0, 10.0, 20.0, 0.5),
+            (-100.0, 92.5, 10.0, 20.0, 0.5),
+            (17.5, -95.0, 10.0, 20.0, 0.5),
+            (-95.0, 52.5, 20.0, 10.0, 0.5),
+            (-95.0, -80.0, 20.0, 10.0, 0.5),
+            (-77.5, -95.0, 10.0, 20.0, 0.5),
             (95.0, 57.5, 20.0, 10.0, 0.5),
-            (20.0, 95.0, 10.0, 20.0, 0.5),
+            (95.0, -60.0, 20.0, 10.0, 0.5),
+            (15.0, 95.0, 10.0, 20.0, 0.5),
         ),
     ),
 }

