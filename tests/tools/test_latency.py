@@ -82,7 +82,7 @@ def test_what_if_a_faster_pad_and_line_give_more_and_all_are_in_the_table(monkey
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})  # in this process
     found, out = latency_felt.table(), io.StringIO()
     slow, *_, fast = found.values()
-    assert slow + 0.1 < fast
+    assert slow + 0.03 < fast
     latency_felt.print_table(found, out)
     cells = [f"{100 * share:.0f}" for share in found.values()][2:]
     assert out.getvalue().splitlines()[-1].split() == ["240", "Hz", *cells]
