@@ -98,6 +98,8 @@ static PyObject *evaluate(PyObject *module, PyObject *arguments)
     return answer;
 }
 
+static const double MEAN_FRAC = 0.785; /* pi / 4, of the square of an error in both parts: the square of its mean size */
+
 /* Friction at an amplitude of a finger at rest, by a `FrictionCurve.table`. */
 static double friction(const Py_buffer *curve, double at_um)
 {
@@ -128,7 +130,7 @@ static PyObject *perceive(PyObject *module, PyObject *arguments)
             squares += row[k] * row[k];
         }
         const double size_um2 = d_um * d_um + q_um * q_um, error_um2 = fixed_um2 + squares * each_um2;
-        felt += unit[2] * friction(&given[CURVE], sqrt(size_um2 + error_um2) / speed_gain);
+        felt += unit[2] * friction(&given[CURVE], sqrt(size_um2 + MEAN_FRAC * error_um2) / speed_gain);
         known_um2 += unit[2] * size_um2;
         errors_um2 += unit[2] * error_um2;
         mean_d_um += unit[2] * d_um;
