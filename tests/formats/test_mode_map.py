@@ -18,12 +18,15 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import HapticdError, ModesError
 from hapticd.formats.mode_map import (
     FORMATS,
+    SweptModes,
     decode_grid,
     decode_scan,
     encode_grid,
     read_grid,
     read_scan,
+    read_swept,
     require_usable,
+    write_swept,
 )
 
 HEADER = "x_mm,y_mm,phi_1,phi_2\n"
@@ -301,3 +304,14 @@ def test_a_map_that_is_shifted_a_little_or_is_of_one_mode_is_used() -> None:
 def test_a_table_that_is_no_csv_is_refused_with_its_line() -> None:
     with pytest.raises(ModesError, match="quotes"):  # a cell that does not end
         decode_scan(b'x_mm,y_mm,phi_1\n"' + 200 * (b"1" * 1000 + b"\n"), ".csv")
+
+
+def test_a_sweep_s_first_modes_are_read_back_and_more_than_it_has_are_refused(tmp_path: Path) -> None:
+    swept = SweptModes(np.array([29100.0, 29200.0, 29300.0]), np.full(3, 500.0), np.arange(6.0).reshape(3, 2))
+    write_swept(tmp_path / "sweep.npz", swept)
+    for read, count in ((read_swept(tmp_path / "sweep.npz"), 3), (read_swept(tmp_path / "sweep.npz", 2), 2)):
+        assert [one.tolist() for one in read] == [one[:count].tolist() for one in swept]
+    with pytest.raises(
+        ModesError, match="the scan has 4 modes: scan those of the sweep, in its order, 29100, 29200, 29300"
+    ):
+        read_swept(tmp_path / "sweep.npz", 4)
