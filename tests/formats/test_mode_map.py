@@ -311,7 +311,5 @@ def test_a_sweep_s_first_modes_are_read_back_and_more_than_it_has_are_refused(tm
     write_swept(tmp_path / "sweep.npz", swept)
     for read, count in ((read_swept(tmp_path / "sweep.npz"), 3), (read_swept(tmp_path / "sweep.npz", 2), 2)):
         assert [one.tolist() for one in read] == [one[:count].tolist() for one in swept]
-    with pytest.raises(
-        ModesError, match="the scan has 4 modes: scan those of the sweep, in its order, 29100, 29200, 29300"
-    ):
+    with pytest.raises(ModesError, match="has 4 modes: scan those of the sweep, in its order, 29100, 29200, 29300"):
         read_swept(tmp_path / "sweep.npz", 4)
