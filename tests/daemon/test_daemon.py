@@ -30,8 +30,10 @@ from hapticd.io.host.realtime import Granted
 from hapticd.io.host.runaway import RealtimeThrottle
 from hapticd.io.host.systemd import Notifier
 from hapticd.io.time_budget import TimeBudget
+from hapticd.sim.fingers.paths import Rest, Touch
+from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
 from hapticd.tools.service import SELF_TEST
-from hapticd.values import Finger, RawReport, Tick
+from hapticd.values import RawReport, Tick
 
 CONFIG = Config()
 REAL_TIME = replace(CONFIG, realtime=replace(CONFIG.realtime, fifo_priority=1))
@@ -142,8 +144,8 @@ async def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_
         assert service.machine.status.real_time["stays_awake"] is True
         service._reports([RawReport(now_ns(), b"")])
         assert wishes.read_bytes() == b""
-        service.machine.pipeline._fingers.down = (Finger(1, 0, 0.0, 0.0, True),)
-        service._reports([RawReport(now_ns(), b"")])
+        landing = SensorModel(SensorSettings(), 1).reports([Touch(Rest((0.0, 0.0)))], 0.1)
+        service._reports([RawReport(now_ns(), report.data) for report in landing])
         assert wishes.read_bytes() == bytes(4)
 
 
