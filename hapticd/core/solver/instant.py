@@ -147,7 +147,7 @@ class InstantSolver:
             had = self._table.tolist()
             log_weights = had[5 * fingers : 6 * fingers] if len(had) == 8 * fingers else [0.0] * fingers
             self._asked, self._table = asked, finger_table(self.curve, targets_um, log_weights, asked[2], asked[3])
-        if not any(targets_um):
+        if not any(target_um > 0.0 for target_um in targets_um):
             return ModalSolution(places, [0.0] * fingers, (0j,) * len(previous_um), False)
         most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns if self.has_contacts else math.inf
         modal_um, limited = descend(

@@ -125,8 +125,8 @@ def test_resonance_tells_modes_what_to_drive_and_what_is_compensated(tmp_path: P
     named = ["--sim", "--plate", "fingertip", "--copy", "17", "--out", str(tmp_path)]
     assert main(["calibrate", "resonance", *named, "--points", "21", "--dwell", "66"]) == 0
     swept = read_swept(tmp_path / resonance.SWEEP_FILE)
-    told = [figure.value for figure in folder.load(tmp_path)["resonance"].figures if "to scan" in figure.name]
-    assert told == pytest.approx(swept.frequency_hz[4:])
+    named_hz = [figure.value for figure in folder.load(tmp_path)["resonance"].figures if "to scan" in figure.name]
+    assert named_hz == pytest.approx(swept.frequency_hz[4:])
     assert main(["calibrate", "modes", *named]) == 0
     verdict = folder.load(tmp_path)["modes"]
     assert verdict.outcome is Outcome.PASS
