@@ -139,15 +139,25 @@ def _begin(campaign: int) -> None:
 def _cluster(address: str) -> Iterator[tuple[Any, ...]]:
     """By Dask's own futures: those of `Client.get_executor` never end when a worker is lost that has a result still to
     be fetched (distributed 2026.8)."""
+    import asyncio
+
     try:
-        from distributed import CancelledError, Client, KilledWorker, as_completed
+        from distributed import CancelledError, Client, KilledWorker, Security, as_completed
+        from distributed.comm.core import connect
     except ImportError:
         raise missing_library("--cluster needs Dask's distributed", "cluster") from None
+
+    async def greet() -> None:  # a Client waits for ever for the greeting of a server that is no scheduler
+        arguments = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
+        greeting = connect(address, timeout=CONNECT_S, **arguments)  # type: ignore[no-untyped-call]
+        (await asyncio.wait_for(greeting, CONNECT_S)).abort()
+
     try:
+        asyncio.run(greet())
         client = Client(address, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         client.wait_for_workers(1, timeout=CONNECT_S)
     except (OSError, ValueError, TypeError, OverflowError, MemoryError) as error:
-        why = str(error).partition("\n")[0].rstrip(".")
+        why = str(error).partition("\n")[0].rstrip(".") or "it is another server"
         start = f"start `dask scheduler`, and `dask worker {address} --nthreads 1`"
         raise UsageError(f"--cluster: no scheduler with workers answers at {address} ({why}): {start}.") from None
     with client:

@@ -91,8 +91,8 @@ def _dropped() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as dropped:
         warnings.simplefilter("always")
         yield
-    for sentence in dict.fromkeys(str(one.message) for one in dropped):
-        print(f"not felt as it is: {sentence}", file=sys.stderr)
+    for sentence, kind in dict.fromkeys((str(one.message), one.category) for one in dropped):
+        print(f"not felt as it is: {sentence}" if kind is content.DroppedWarning else sentence, file=sys.stderr)
 
 
 @contextlib.contextmanager

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import socket
 import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +97,7 @@ def test_no_worker_of_a_cluster_holds_a_result_that_was_fetched(cluster: str, tm
     played = campaigns._played(play, missing, 1, cluster)
     fetched = [next(played) for _ in SEEDS[1:]]
     with pytest.importorskip("distributed").Client(cluster, set_as_default=False) as client:
-        # A scheduler repeats what a client holds; that it does not any more it hears within some of these round trips.
+        # A scheduler repeats what a client holds; that it does not any more shows within some of these round trips.
         held = min(sum(map(len, client.has_what().values())) for _ in range(100))
     assert held <= 1
     assert len({*fetched, *played}) == len(SEEDS)
@@ -104,8 +106,12 @@ def test_no_worker_of_a_cluster_holds_a_result_that_was_fetched(cluster: str, tm
 def test_a_cluster_without_scheduler_or_workers_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed", reason="needs the extra `cluster`")
     monkeypatch.setattr(campaigns, "CONNECT_S", 0.2)
-    with distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0", host="127.0.0.1") as without_workers:
-        addresses = ("tcp://127.0.0.1:9", "127.0.0.1:nine", "nonsense://x", without_workers.scheduler_address)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0", host="127.0.0.1") as empty,
+        closing(socket.create_server(("127.0.0.1", 0))) as mute,
+    ):
+        other_server = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
+        addresses = ("tcp://127.0.0.1:9", "127.0.0.1:nine", "nonsense://x", empty.scheduler_address, other_server)
         for address in addresses:
             with pytest.raises(UsageError, match=rf"--cluster: .*{address}.*`dask scheduler`"):
                 run(tasks_in(tmp_path), cluster=address)

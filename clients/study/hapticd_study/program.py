@@ -9,6 +9,7 @@ import secrets
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -194,7 +195,11 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
 def _take_person(client: Client, participant: str) -> None:
     """Let the plate have the participant's friction curve, where one was measured, else no other participant's."""
     try:
-        client.person(participant)
+        with warnings.catch_warnings(record=True) as notes:
+            warnings.simplefilter("always")
+            client.person(participant)
+        for note in notes:  # of an old curve
+            print(note.message, file=sys.stderr)
     except RefusedError as error:
         print(f"{error} The plate's own friction curve is used.", file=sys.stderr)
         with contextlib.suppress(RefusedError):  # of an older daemon

@@ -75,7 +75,7 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     print(f"wrote {', '.join(written)} in {folder}", file=sys.stderr)
     if json_file is not None:
         analysed = figures(results, group) if group is not None else {}
-        curves_ = [one.plain for one in fitted]
+        curves_ = [asdict(one) for one in fitted]
         plain = json.dumps({"simulated": simulated or None, **analysed, "curves": curves_, "trials": rows}, indent=2)
         print(plain) if json_file == STDOUT else Path(json_file).write_text(plain + "\n", encoding="utf-8")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from .experiment import Levels
@@ -20,11 +20,6 @@ class ConditionCurve:
     condition: Levels
     trials: int
     curve: Curve | None
-
-    @property
-    def plain(self) -> dict[str, Any]:
-        """It as plain values for JSON."""
-        return asdict(self)
 
 
 def curves(sessions: Iterable[Session]) -> list[ConditionCurve]:

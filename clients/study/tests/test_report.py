@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from people import session, write
@@ -145,6 +148,12 @@ def test_a_continued_session_cannot_be_changed_and_is_kept_without_a_daemon(
     assert complaint.endswith("The answers are kept: continue with the same command.\n")
     assert path.read_bytes() == before
     assert len(read(path).answers) == 3
+
+
+def test_the_note_on_an_old_curve_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    plate: Any = SimpleNamespace(person=lambda name: warnings.warn(f"The curve of {name} is old.", stacklevel=2))
+    program._take_person(plate, "P1")
+    assert capsys.readouterr().err == "The curve of P1 is old.\n"
 
 
 def test_sessions_on_the_simulated_plate_are_marked_and_not_mixed(
