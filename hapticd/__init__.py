@@ -7,7 +7,7 @@ import os
 
 from . import compiled
 
-__version__ = "0.1.0"  # pyproject.toml reads it here
+__version__ = "0.2.0"  # pyproject.toml reads it here
 
 # Before numpy is loaded: no array here is large enough for threads of its own, and on a busy host they only spin. Here
 # and not in a command, because the rig and other child processes have entry points of their own.

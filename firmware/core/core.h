@@ -24,7 +24,7 @@
 #include "tools.h"
 
 #define HD_COMMANDS 32U /* message types of the host are below */
-#define HD_FIRMWARE_VERSION "0.1.0"
+#define HD_FIRMWARE_VERSION "0.2.0"
 
 /* A message to the host, taken from the core under the lock and encoded outside of it. */
 typedef struct {
@@ -54,7 +54,7 @@ typedef struct {
     hd_polyline_t line;
     bool in_range;       /* a controller or a model that the core has a design for: this one */
     hd_design_t design;
-} hd_heard_t;
+} hd_staged_t;
 
 typedef struct {
     uint32_t boot_id; /* changes with every reset, by which the host detects lost state */
@@ -131,7 +131,7 @@ typedef struct {
     bool asks;            /* the sensors, by small probes on the voltages */
     uint8_t trusted, due; /* sensors, one bit each: trusted; to be judged, again before the trust ends */
     uint8_t suspect;       /* sensors that have shown nothing since the start, or something else than they should */
-    uint16_t suspect_ticks; /* for which a mode has moved that one hears */
+    uint16_t suspect_ticks; /* for which a mode has moved that one sensors */
     uint16_t follow_ticks; /* for which what the voltage does is still followed */
     uint32_t struck_tick; /* when large probes last played; 0: never */
     uint32_t probes;      /* a shift register, by which signs */
@@ -175,7 +175,7 @@ typedef struct {
     hd_telemetry_t telemetry;
     hd_timeline_t timeline;
     hd_receiver_t receiver;
-    hd_heard_t heard;
+    hd_staged_t staged;
     hd_unheard_t unheard[HD_MODES];
 } hd_core_t;
 

@@ -1,7 +1,8 @@
 """One conversation with the board, byte for byte: `tests/data/board-golden.jsonl` holds it, C and Python replay it.
 
 It begins just before the board's clock wraps. What the sensors say is given, so no law of control has a part in it.
-After a wanted change `python tests/firmware/test_golden.py` writes the file, and the examples in the protocol's text.
+After a wanted change `PYTHONPATH=tests python tests/firmware/test_golden.py` writes the file, and the examples in
+the protocol's text.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ NAMES = {
     getattr(protocol, name): name.removeprefix("MSG_") for name in dir(protocol) if re.fullmatch(r"MSG_[A-Z_]+", name)
 }
 
-# What happens, in order: a command is heard, ticks pass, or the sensors say something else.
+# What happens, in order: a command is received, ticks pass, or the sensors say something else.
 SCRIPT: tuple[Any, ...] = (
     HelloRequest(),
     TimeRequest(123_456_789),
@@ -104,7 +105,7 @@ def new_board() -> Board:
     return board
 
 
-def heard(board: Board) -> Iterator[dict[str, Any]]:
+def received(board: Board) -> Iterator[dict[str, Any]]:
     """What the board wants to say, frame by frame."""
     while said := board.transmit():
         for line in said.split(b"\0")[:-1]:
@@ -119,7 +120,7 @@ def run(board: Board, ticks: int) -> Iterator[dict[str, Any]]:
     untouched = np.zeros((ticks, 0, 2)), np.zeros((ticks, 0))
     while done < ticks:
         done += board.run(ticks - done, *untouched, trace, done, stop_on_transmit=True)
-        yield from heard(board)
+        yield from received(board)
 
 
 def conversation() -> Iterator[dict[str, Any]]:
@@ -134,7 +135,7 @@ def conversation() -> Iterator[dict[str, Any]]:
             line = encode(step)
             yield {"host": type(step).__name__, "line": line.hex(), "value": plain(step)}
             board.receive(line)
-            yield from heard(board)
+            yield from received(board)
 
 
 def golden() -> list[dict[str, Any]]:

@@ -1,3 +1,3 @@
 """Experiments with participants on the plate: sessions and their reports."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -417,7 +417,7 @@ def test_the_rate_that_the_daemon_counts_is_judged(
 
 
 def test_a_free_board_reports_its_firmware() -> None:
-    assert in_virtual_time(devices.firmware_version(BoardLink(), "the bench")) == "0.1.0"  # type: ignore[arg-type]
+    assert in_virtual_time(devices.firmware_version(BoardLink(), "the bench")) == __version__  # type: ignore[arg-type]
     with pytest.raises(DeviceError, match="No board answers on the bench"):
         in_virtual_time(devices.firmware_version(BoardLink(mute=True), "the bench"))  # type: ignore[arg-type]
 
@@ -425,7 +425,7 @@ def test_a_free_board_reports_its_firmware() -> None:
 # --- the machine ---
 
 
-def test_the_rule_of_udev_is_looked_for_and_compared_and_the_fix_copies_it_from_where_it_is(tmp_path: Path) -> None:
+def test_the_udev_rule_is_compared_and_its_fix_copies_the_installed_file(tmp_path: Path) -> None:
     assert host.rules(system(tmp_path)).verdict == PASS
     assert host.rules(system(tmp_path, trackpad={"source": "evdev"})).verdict == PASS
     missing = host.rules(system(tmp_path, **REAL))

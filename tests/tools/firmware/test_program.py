@@ -17,6 +17,7 @@ import pytest
 from carrier_board import fake_measurement
 from virtual_board import BoardLink, in_virtual_time
 
+from hapticd import __version__
 from hapticd.__main__ import main
 from hapticd.board_protocol import BoardState, RawVoltage
 from hapticd.board_values import BoardStatus, SetController, SweepPoint
@@ -34,7 +35,7 @@ SWEEP = ("sweep", "--points", "9", "--dwell", "100")
 
 def test_info_shows_identity_and_status_and_all_of_them_as_json(link: BoardLink, type_in: TypeIn) -> None:
     output = type_in(link, "info")
-    assert "firmware  0.1.0, protocol 2" in output
+    assert f"firmware  {__version__}, protocol 2" in output
     assert "modes     2, limits 4, 4 um and 150 V" in output
     assert "state     quiet" in output
     assert re.search(r"mode 1 +decay 183\.\d 1/s, \+10\.00 Hz from the drive", output)
