@@ -347,7 +347,7 @@ def text(before: str, header: Header) -> str:
 
 
 def made() -> dict[Path, str]:
-    """What the files that follow from the header hold, the header's own hash included."""
+    """Contents of the files that follow from the header, the header's own hash included."""
     source = HEADER.read_text(encoding="utf-8")
     header = Header(source, BOARD.read_text(encoding="utf-8"))
     hashed = re.sub(r"(#define HD_PROTOCOL_HASH) \w+", rf"\1 0x{header.hash:08x}u", source)

@@ -135,7 +135,7 @@ class FingerFrame(NamedTuple):
 
 
 class LinkTiming(NamedTuple):
-    """What a pass takes from the board: how far ahead its reference takes effect, whether one other than zero may go
+    """Timing of a pass by the board: how far ahead its reference takes effect, whether one other than zero may go
     out, and whether the board has the last one (else it is sent again, however still the fingers are).
     """
 
@@ -205,7 +205,7 @@ class TouchPoint(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """What one pass decided. `drive` is None where the last reference stands.
+    """Decision of one pass. `drive` is None where the last reference stands.
 
     `age_ns` is the newest sample's age when the pass began, `horizon_ns` from that sample to the first knot on the
     plate, the loop's own delay included.

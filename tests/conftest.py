@@ -97,7 +97,7 @@ def nothing_is_left_behind() -> Iterator[None]:
 
 @pytest.fixture
 def manager(tmp_path: Path) -> Iterator[socket.socket]:
-    """What a service manager hears: NOTIFY_SOCKET."""
+    """Socket of a service manager: NOTIFY_SOCKET."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(str(tmp_path / "notify"))
         listening.setblocking(False)

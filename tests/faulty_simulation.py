@@ -1,7 +1,7 @@
 """Fault injection into a lock-step run: plugs, lines, processes, clocks.
 
-Faults are defined before the run: `ways` changes what is transferred, `at` schedules an action. Physics, firmware,
-machine and idealisations are those of `lockstep`.
+Faults are defined before the run: `line_faults` change what is transferred, `at` schedules an action. Physics,
+firmware, machine and idealisations are those of `lockstep`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hapticd.sim.settings import Measured, Settings
 from hapticd.values import RawReport
 
 # Maps bytes that would arrive at t_ns to those that do, with their times.
-Way = Callable[[int, bytes], Iterable[tuple[int, bytes]]]
+LineFault = Callable[[int, bytes], Iterable[tuple[int, bytes]]]
 BOOT_S = 0.03  # a board neither sends nor receives for so long after a reset
 
 _DEVICE_OF = {"board": "board", "host": "board", "report": "trackpad"}  # by kind of event
@@ -26,13 +26,13 @@ _DEVICE_OF = {"board": "board", "host": "board", "report": "trackpad"}  # by kin
 class FaultySimulation(Simulation):
     """A lock-step run with faults. Instants are seconds of the run.
 
-    `ways` may hold a Way for "board" (bytes to it), "host" (bytes from it) and "report" (the trackpad's).
+    `line_faults` may hold a LineFault for "board" (bytes to it), "host" (bytes from it) and "report" (the trackpad's).
     """
 
     def __init__(
         self, actors: tuple[Actor, ...], settings: Settings, seed: int, measured: Measured | None = None
     ) -> None:
-        self.ways: dict[str, Way] = {}
+        self.line_faults: dict[str, LineFault] = {}
         self.client_lives = True
         self._actions: list[Callable[[int], None]] = []
         self._carries = {"board": True, "trackpad": True}
@@ -129,8 +129,8 @@ class FaultySimulation(Simulation):
     # --- events of a run, where faults apply ---
 
     def _push(self, t_ns: int, kind: str, data: bytes) -> None:
-        way = self.ways.get(kind)
-        for t_arrive_ns, piece in way(t_ns, data) if way is not None else ((t_ns, data),):
+        fault = self.line_faults.get(kind)
+        for t_arrive_ns, piece in fault(t_ns, data) if fault is not None else ((t_ns, data),):
             super()._push(t_arrive_ns, kind, piece)
 
     def _handle(self, kind: str, data: bytes, t_ns: int) -> None:

@@ -45,7 +45,7 @@ NUMBERS = {name: number for number, name in NAMES.items()}
 
 
 @dataclass(frozen=True)
-class Heard:
+class Received:
     """One message that reached the board; `peak_um` is the largest amplitude of a reference."""
 
     t_ns: int
@@ -55,11 +55,11 @@ class Heard:
 
 @dataclass
 class FakeBoard:
-    """The other end of the line: hears all, and answers as the firmware does."""
+    """The other end of the line: receives all, and answers as the firmware does."""
 
     bench: Bench
     protocol_hash: int
-    heard: list[Heard] = field(default_factory=list)
+    received: list[Received] = field(default_factory=list)
     plugged: bool = True
     mute: bool = False
     boot_id: int = 7
@@ -86,7 +86,7 @@ class FakeBoard:
             self.trusted += 1
             if self.state == QUIET and self.trusted >= 3:
                 self.state = LIVE
-        self.heard.append(Heard(self.bench.t_ns, name, self.peak_um if name == "reference" else 0.0))
+        self.received.append(Received(self.bench.t_ns, name, self.peak_um if name == "reference" else 0.0))
         if name == "hello":
             self.reset()
             limits = struct.pack("<ff", 4.0, 4.0)
@@ -172,13 +172,13 @@ class Bench:
         for report in model.reports(landed, 30.0):
             yield RawReport(START_NS + round(report.t_arrive_s * 1e9), report.data)
 
-    def run(self, milliseconds: int) -> list[Heard]:
-        """Let time pass; what the board heard meanwhile."""
-        before = len(self.board.heard)
+    def run(self, milliseconds: int) -> list[Received]:
+        """Let time pass; what the board received meanwhile."""
+        before = len(self.board.received)
         for _ in range(milliseconds):
             self.t_ns += MS
             self._step()
-        return self.board.heard[before:]
+        return self.board.received[before:]
 
     def _step(self) -> None:
         waiting, self.from_board = self.from_board, []
@@ -240,5 +240,5 @@ def lines(caplog: pytest.LogCaptureFixture) -> list[str]:
     return said
 
 
-def references(heard: list[Heard]) -> list[Heard]:
-    return [each for each in heard if each.name == "reference"]
+def references(received: list[Received]) -> list[Received]:
+    return [each for each in received if each.name == "reference"]

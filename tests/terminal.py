@@ -19,7 +19,7 @@ class Terminal:
         os.set_blocking(self.master, False)
         self.port = os.ttyname(self.slave)
 
-    def heard(self) -> bytes:
+    def received(self) -> bytes:
         """What was written since the last call."""
         try:
             return os.read(self.master, 1 << 16)

@@ -29,7 +29,7 @@ NOT_NEEDED = (
 )
 
 
-def test_a_started_service_has_loaded_nothing_of_the_simulation_the_fits_and_the_tools() -> None:
+def test_a_started_service_has_loaded_no_simulation_no_fits_and_no_tools() -> None:
     done = subprocess.run([sys.executable, "-c", START], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert "hapticd.core.pipeline" in loaded

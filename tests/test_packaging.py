@@ -102,7 +102,7 @@ def relative(paths: Any, root: Path) -> list[str]:
     return sorted(str(path.relative_to(root)) for path in paths if path.is_file())
 
 
-def test_without_a_compiler_make_says_in_one_line_what_to_install_and_touches_nothing(
+def test_without_a_compiler_make_names_the_packages_and_touches_nothing(
     checkout: Path, no_compiler: dict[str, str]
 ) -> None:
     command = ["make", "demo", f"PYTHON={sys.executable}"]

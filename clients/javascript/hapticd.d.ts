@@ -532,7 +532,7 @@ export interface Marker {
   fields?: Record<string, boolean | number | number | string>;
 }
 
-/** What happened to a finger or an effect; what it does not have is omitted. */
+/** Event of a finger or an effect; what it does not have is omitted. */
 export interface PlateEvent {
   /** number of the event: a gap is a lost one */
   seq: number;
@@ -593,7 +593,7 @@ export interface Hello {
   instance: number;
 }
 
-/** What the daemon knows, and its bounds. */
+/** Everything a client may set, and its bounds. */
 export interface Capabilities {
   protocol: number;
   ops: readonly string[];

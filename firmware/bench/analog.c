@@ -130,7 +130,7 @@ double an_loop_phase_rad(const an_plate_t *plate)
 }
 
 /* What a sensor's lead makes of what all sensors show, once it is broken. */
-static double through_lead(an_plate_t *plate, int s, const double own_lsb[HD_MODES], double heard_lsb)
+static double through_lead(an_plate_t *plate, int s, const double own_lsb[HD_MODES], double pickup_lsb)
 {
     const an_lead_t *lead = &plate->lead[s];
     double since_us = (double)plate->t_us - plate->t_fault_us, signal_lsb = own_lsb[s];
@@ -139,7 +139,7 @@ static double through_lead(an_plate_t *plate, int s, const double own_lsb[HD_MOD
     }
     if (lead->fault == AN_FLOATING || (lead->fault == AN_INTERMITTENT && fmod(since_us, 200e3) < 10e3)) {
         double hum = lead->hum_lsb > 0.0 ? sin(TURN_RAD * HUM_HZ * 1e-6 * (double)plate->t_us + s) : 0.0;
-        return heard_lsb + lead->heard * own_lsb[lead->other] + lead->hum_lsb * hum
+        return pickup_lsb + lead->pickup * own_lsb[lead->other] + lead->hum_lsb * hum
             + (lead->noise_lsb > 0.0 ? lead->noise_lsb * bell(&plate->random) : 0.0);
     }
     switch (lead->fault) {

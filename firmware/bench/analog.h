@@ -49,11 +49,11 @@ int an_below(an_random_t *random, int n);
 /* What a sensor's lead does to its signal. */
 typedef struct {
     enum an_fault fault;
-    int other;            /* sensor that it is swapped with, or that an open lead hears */
+    int other;            /* sensor that it is swapped with, or that an open lead picks up */
     double kept;          /* of the signal */
     double clip_lsb;
     double noise_lsb, hum_lsb, offset_lsb;
-    double heard;         /* by an open lead: of the other sensor's signal */
+    double pickup;         /* by an open lead, of the other sensor's signal */
     double heard_lsb_per_v; /* and of each amplifier's voltage, always */
 } an_lead_t;
 

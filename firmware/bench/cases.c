@@ -122,7 +122,7 @@ static void draw_leads(case_t *c, an_random_t *random, enum an_fault fault)
         lead->clip_lsb = an_uniform(random, 0.1, 0.6) * W_LIMIT_UM / plate->um_per_lsb;
         lead->noise_lsb = an_uniform(random, 0.0, 40.0);
         lead->hum_lsb = an_below(random, 2) * an_uniform(random, 0.0, 600.0);
-        lead->heard = an_below(random, 2) * an_uniform(random, -0.03, 0.03);
+        lead->pickup = an_below(random, 2) * an_uniform(random, -0.03, 0.03);
         if (lead->fault == AN_FLOATING || fault == AN_SOUND) {
             lead->heard_lsb_per_v = (clipped ? 1.0 : 0.0) * percent_um / V_LIMIT_V / plate->um_per_lsb / HD_MODES;
         }

@@ -20,16 +20,16 @@ static void answer(hd_core_t *core, enum hd_message request, enum hd_verdict ver
 /* Only the main loop changes the design that is in force, so it may be read here while a tick interrupts. */
 static void prepare_set_controller(hd_core_t *core, const uint8_t *payload)
 {
-    hd_heard_t *heard = &core->heard;
+    hd_staged_t *staged = &core->staged;
     hd_wire_set_controller_t wire;
     memcpy(&wire, payload, sizeof wire);
-    heard->design = core->control.design;
+    staged->design = core->control.design;
     hd_gains_t gains = {wire.law, wire.bandwidth_1_s, wire.integral_time_s};
-    heard->design.gains = hd_gains_complete(gains, heard->design.plant.tick_s);
-    heard->in_range = hd_gains_valid(&heard->design.gains);
-    if (heard->in_range) {
-        hd_control_design(&heard->design);
-        heard->in_range = hd_control_stable(&heard->design);
+    staged->design.gains = hd_gains_complete(gains, staged->design.plant.tick_s);
+    staged->in_range = hd_gains_valid(&staged->design.gains);
+    if (staged->in_range) {
+        hd_control_design(&staged->design);
+        staged->in_range = hd_control_stable(&staged->design);
     }
 }
 
@@ -37,12 +37,12 @@ static void take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_
 {
     (void)payload;
     (void)now_us;
-    if (!core->heard.in_range) {
+    if (!core->staged.in_range) {
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_OUT_OF_RANGE);
     } else if (core->state == HD_STATE_TOOL) {
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_NOT_QUIET);
     } else {
-        hd_control_adopt(&core->control, &core->heard.design); /* one law's integral is another law's error */
+        hd_control_adopt(&core->control, &core->staged.design); /* one law's integral is another law's error */
         hd_memory_restart(core);
         core->ramp = 0;
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_DONE);
@@ -51,7 +51,7 @@ static void take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_
 
 static void prepare_set_model(hd_core_t *core, const uint8_t *payload)
 {
-    hd_heard_t *heard = &core->heard;
+    hd_staged_t *staged = &core->staged;
     hd_wire_set_model_t wire;
     memcpy(&wire, payload, sizeof wire);
     hd_mode_model_t model = {
@@ -60,12 +60,12 @@ static void prepare_set_model(hd_core_t *core, const uint8_t *payload)
         .gain_um_per_v_s = wire.model.gain_um_per_v_s,
         .loop = {wire.model.loop_d, wire.model.loop_q},
     };
-    heard->in_range = wire.mode < HD_MODES && hd_model_valid(&model);
-    if (heard->in_range) {
+    staged->in_range = wire.mode < HD_MODES && hd_model_valid(&model);
+    if (staged->in_range) {
         model.loop = hd_scale(1.0f / hd_magnitude(model.loop), model.loop);
-        heard->design = core->control.design;
-        heard->design.plant.model[wire.mode] = model;
-        hd_control_design(&heard->design);
+        staged->design = core->control.design;
+        staged->design.plant.model[wire.mode] = model;
+        hd_control_design(&staged->design);
     }
 }
 
@@ -78,17 +78,17 @@ static void wired_phasors(hd_phasor_t to[HD_MODES][HD_MODES], const hd_wire_phas
 
 static void prepare_set_wiring(hd_core_t *core, const uint8_t *payload)
 {
-    hd_heard_t *heard = &core->heard;
+    hd_staged_t *staged = &core->staged;
     hd_wire_set_wiring_t wire;
     memcpy(&wire, payload, sizeof wire);
-    heard->design = core->control.design;
-    hd_wiring_t *wiring = &heard->design.plant.wiring;
+    staged->design = core->control.design;
+    hd_wiring_t *wiring = &staged->design.plant.wiring;
     memcpy(wiring->drive, wire.drive, sizeof wiring->drive);
     wired_phasors(wiring->sense, wire.sense);
     wired_phasors(wiring->feedthrough_um_per_v, wire.feedthrough);
-    heard->in_range = hd_wiring_valid(wiring);
-    if (heard->in_range) {
-        hd_control_design(&heard->design);
+    staged->in_range = hd_wiring_valid(wiring);
+    if (staged->in_range) {
+        hd_control_design(&staged->design);
     }
 }
 
@@ -96,12 +96,12 @@ static void prepare_set_wiring(hd_core_t *core, const uint8_t *payload)
 static bool take_plant(hd_core_t *core, enum hd_message request)
 {
     bool quiet = hd_at_rest(core) && core->fault != HD_FAULT_CONFIG;
-    bool taken = core->heard.in_range && quiet;
+    bool taken = core->staged.in_range && quiet;
     if (taken) {
-        hd_control_adopt(&core->control, &core->heard.design);
+        hd_control_adopt(&core->control, &core->staged.design);
         hd_memory_restart(core);
     }
-    answer(core, request, taken ? HD_VERDICT_DONE : core->heard.in_range ? HD_VERDICT_NOT_QUIET : HD_VERDICT_OUT_OF_RANGE);
+    answer(core, request, taken ? HD_VERDICT_DONE : core->staged.in_range ? HD_VERDICT_NOT_QUIET : HD_VERDICT_OUT_OF_RANGE);
     return taken;
 }
 
@@ -122,19 +122,19 @@ static void take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t no
 /* The modes stay where they are, and so are detuned by as much less. */
 static void prepare_set_drive(hd_core_t *core, const uint8_t *payload)
 {
-    hd_heard_t *heard = &core->heard;
+    hd_staged_t *staged = &core->staged;
     hd_wire_set_drive_t wire;
     memcpy(&wire, payload, sizeof wire);
-    heard->in_range = fabsf(wire.drive_hz - core->config.drive_hz) <= HD_DRIVE_MOVE_MAX_HZ && wire.drive_hz >= 1.0f
+    staged->in_range = fabsf(wire.drive_hz - core->config.drive_hz) <= HD_DRIVE_MOVE_MAX_HZ && wire.drive_hz >= 1.0f
         && wire.follow_hz >= 0.0f && wire.follow_hz <= HD_FOLLOW_MAX_HZ;
-    heard->design = core->control.design;
-    for (int k = 0; heard->in_range && k < HD_MODES; k++) {
-        hd_mode_model_t *model = &heard->design.plant.model[k];
+    staged->design = core->control.design;
+    for (int k = 0; staged->in_range && k < HD_MODES; k++) {
+        hd_mode_model_t *model = &staged->design.plant.model[k];
         model->detuning_rad_s -= HD_TURN_RAD * (wire.drive_hz - core->follower.base_hz);
-        heard->in_range = hd_model_valid(model);
+        staged->in_range = hd_model_valid(model);
     }
-    if (heard->in_range) {
-        hd_control_design(&heard->design);
+    if (staged->in_range) {
+        hd_control_design(&staged->design);
     }
 }
 

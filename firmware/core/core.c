@@ -55,7 +55,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
     hd_plausibility_init(core);
     hd_reach_init(core);
-    hd_design_t *design = &core->heard.design;
+    hd_design_t *design = &core->staged.design;
     design->gains = core->config.gains;
     design->plant.tick_s = 1.0f / config->control_hz;
     design->plant.output_delay_frac = config->output_delay_frac;

@@ -9,15 +9,15 @@ void hd_reach_design(hd_reach_design_t *design, const hd_observer_design_t *mode
                      const hd_phasor_t sense[HD_MODES], float tick_s)
 {
     float per_v = 0.0f;
-    uint32_t hears = 0;
+    uint32_t sensors = 0;
     for (int k = 0; k < HD_MODES; k++) {
         per_v += hd_magnitude(back[k]);
-        hears |= hd_within(sense[k], LEAST_SENSE) ? 0u : 1u << k;
+        sensors |= hd_within(sense[k], LEAST_SENSE) ? 0u : 1u << k;
     }
     design->kept = hd_decay(-LEAST_DAMPING * mode->model.decay_1_s * tick_s);
     design->push_um_per_v = mode->model.gain_um_per_v_s * tick_s;
     design->newest_um_per_v = hd_magnitude(mode->mean_of_new_um_per_v);
     design->v_per_um = 1.0f / (design->push_um_per_v * per_v);
     design->change_v = HD_LEAST_UM / design->push_um_per_v;
-    design->hears = hears;
+    design->sensors = sensors;
 }

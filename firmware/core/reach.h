@@ -32,7 +32,7 @@ typedef struct {
     float newest_um_per_v; /* e */
     float v_per_um;        /* of amplifiers that all drive the mode at once, by what they add in a tick */
     float change_v;        /* of the voltage, that a sensor surely shows */
-    uint32_t hears;        /* the sensors that count in the mode's measurement, one bit each */
+    uint32_t sensors;      /* those that count in the mode's measurement, one bit each */
 } hd_reach_design_t;
 
 /* Of mode and sensor k. */

@@ -32,15 +32,15 @@ static __attribute__((noinline)) float allowed_v(hd_core_t *core, int k)
     float limit_um = REACH * core->config.w_limit_um[k], v_limit_v = core->config.v_limit_v;
     #pragma GCC unroll 1
     for (int s = 0; s < HD_MODES; s++) {
-        if ((design->hears & core->due & 1u << s) != 0) {
+        if ((design->sensors & core->due & 1u << s) != 0) {
             hd_trust_shows(core, s); /* its turn may come too late */
         }
     }
-    if ((design->hears & core->due) == 0) {
+    if ((design->sensors & core->due) == 0) {
         return v_limit_v;
     }
     core->asks = true;
-    if ((design->hears & ~(uint32_t)core->trusted) == 0) {
+    if ((design->sensors & ~(uint32_t)core->trusted) == 0) {
         return v_limit_v;
     }
     float left_um = limit_um - core->reach[k].reach_um;
@@ -58,12 +58,12 @@ static __attribute__((noinline)) void bound(hd_core_t *core, int turn)
     for (int k = 0; k < HD_MODES; k++) {
         const hd_reach_design_t *design = &core->control.design.reach[k];
         float reach_um = design->kept * core->reach[k].reach_um;
-        if (k == turn && (design->hears & core->due) == 0) {
+        if (k == turn && (design->sensors & core->due) == 0) {
             reach_um = hd_smaller(reach_um, MARGIN * at_least(core->measured_um[k]));
         }
         reach_um += design->push_um_per_v * at_least(core->control.loop[k].observer.new_v);
         core->reach[k].reach_um = reach_um;
-        suspect = suspect || (reach_um > core->suspect_um[k] && (design->hears & core->suspect) != 0);
+        suspect = suspect || (reach_um > core->suspect_um[k] && (design->sensors & core->suspect) != 0);
         if (reach_um > core->ask_um[k]) {
             most_v = hd_smaller(most_v, allowed_v(core, k));
         }
@@ -85,13 +85,13 @@ static __attribute__((noinline)) void bound(hd_core_t *core, int turn)
     }
 }
 
-/* R was not followed: what sensors read bounds it, but modes that hear a doubted one may have gone to their limit. */
+/* R was not followed: what sensors read bounds it, but modes measured by a doubted one may have gone to their limit. */
 static __attribute__((noinline)) void bound_from_now(hd_core_t *core, uint32_t doubted)
 {
     #pragma GCC unroll 1
     for (int k = 0; k < HD_MODES; k++) {
         float um = at_least(core->measured_um[k]), limit_um = core->config.w_limit_um[k];
-        bool gone = (core->control.design.reach[k].hears & doubted) != 0 && um < limit_um;
+        bool gone = (core->control.design.reach[k].sensors & doubted) != 0 && um < limit_um;
         core->reach[k].reach_um = MARGIN * (gone ? limit_um : um);
     }
 }

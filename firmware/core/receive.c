@@ -63,7 +63,7 @@ static bool reference_valid(const hd_wire_reference_t *head, const uint8_t *knot
 static void read_polyline(hd_core_t *core, const hd_wire_reference_t *head, const uint8_t *knots)
 {
     uint32_t lead_us = (uint32_t)wire_knot(knots, 0).offset * HD_KNOT_UNIT_US;
-    hd_polyline_t *line = &core->heard.line;
+    hd_polyline_t *line = &core->staged.line;
     *line = (hd_polyline_t){.t_start_us = head->t_apply_us + lead_us, .seq = head->seq, .n = knots_of(head),
                             .pulse = head->knots != knots_of(head)};
     for (int i = 0; i < line->n; i++) {
@@ -88,26 +88,26 @@ static bool read_reference(hd_core_t *core, const uint8_t *payload, size_t n)
     if (!reference_valid(&head, knots, n - sizeof head)) {
         return false;
     }
-    core->heard.t_apply_us = head.t_apply_us;
+    core->staged.t_apply_us = head.t_apply_us;
     read_polyline(core, &head, knots);
     return true;
 }
 
 static void store_polyline(hd_core_t *core, uint32_t now_us)
 {
-    hd_polyline_t *slot = hd_timeline_open(&core->timeline, core->heard.line.t_start_us);
-    core->heard.line.t_received_us = now_us;
-    core->heard.line.pulse = core->heard.line.pulse || slot->pulse; /* a marked one is replaced, its mark is not lost */
-    *slot = core->heard.line;
-    if (hd_before(core->heard.line.t_start_us, now_us)) {
+    hd_polyline_t *slot = hd_timeline_open(&core->timeline, core->staged.line.t_start_us);
+    core->staged.line.t_received_us = now_us;
+    core->staged.line.pulse = core->staged.line.pulse || slot->pulse; /* a marked one is replaced, its mark is not lost */
+    *slot = core->staged.line;
+    if (hd_before(core->staged.line.t_start_us, now_us)) {
         core->late_frames++;
     }
 }
 
 static void take_reference(hd_core_t *core, uint32_t now_us)
 {
-    uint16_t seq = core->heard.line.seq;
-    int32_t ahead_us = (int32_t)(core->heard.t_apply_us - now_us);
+    uint16_t seq = core->staged.line.seq;
+    int32_t ahead_us = (int32_t)(core->staged.t_apply_us - now_us);
     if (ahead_us > HD_AHEAD_US) {
         note_refusal(core, seq, HD_REFUSAL_AHEAD);
         refuse(core);
@@ -204,24 +204,24 @@ static bool prepare(hd_core_t *core, const hd_command_t *command, const uint8_t 
 
 bool hd_hear(hd_core_t *core, uint8_t byte)
 {
-    hd_heard_t *heard = &core->heard;
+    hd_staged_t *staged = &core->staged;
     const uint8_t *frame = core->receiver.bytes;
-    hd_rx_t event = hd_receiver_push(&core->receiver, byte, &heard->frame_n);
+    hd_rx_t event = hd_receiver_push(&core->receiver, byte, &staged->frame_n);
     if (event == HD_RX_PENDING) {
         return false;
     }
-    heard->whole = event == HD_RX_FRAME;
-    heard->valid = heard->whole
-        && (frame[0] == HD_MSG_REFERENCE ? read_reference(core, frame + 1, heard->frame_n - 1)
-                                         : prepare(core, hd_command(frame[0], heard->frame_n - 1), frame + 1));
+    staged->whole = event == HD_RX_FRAME;
+    staged->valid = staged->whole
+        && (frame[0] == HD_MSG_REFERENCE ? read_reference(core, frame + 1, staged->frame_n - 1)
+                                         : prepare(core, hd_command(frame[0], staged->frame_n - 1), frame + 1));
     return true;
 }
 
 void hd_obey(hd_core_t *core, uint32_t now_us)
 {
     const uint8_t *frame = core->receiver.bytes;
-    if (!core->heard.valid) {
-        if (core->heard.whole && frame[0] == HD_MSG_REFERENCE && core->heard.frame_n >= 3) {
+    if (!core->staged.valid) {
+        if (core->staged.whole && frame[0] == HD_MSG_REFERENCE && core->staged.frame_n >= 3) {
             note_refusal(core, (uint16_t)(frame[1] | frame[2] << 8), HD_REFUSAL_MALFORMED);
         }
         refuse(core);
@@ -231,7 +231,7 @@ void hd_obey(hd_core_t *core, uint32_t now_us)
     if (frame[0] == HD_MSG_REFERENCE) {
         take_reference(core, now_us);
     } else {
-        hd_command(frame[0], core->heard.frame_n - 1)->take(core, frame + 1, now_us);
+        hd_command(frame[0], core->staged.frame_n - 1)->take(core, frame + 1, now_us);
     }
 }
 

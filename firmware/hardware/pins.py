@@ -1,4 +1,4 @@
-"""Which pin of a board does what, read from the board's own sources."""
+"""Use of each pin of a board, read from the board's own sources."""
 
 from __future__ import annotations
 

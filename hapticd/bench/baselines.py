@@ -1,4 +1,4 @@
-"""What the chosen parts are measured against: predictors, and rules for two points.
+"""Alternatives to the chosen parts: predictors, and rules for two points.
 
 keep_zero      the core's own rule (`core.solver`)
 keep_ratio     without limits, then all modes scaled into them: the fingers' ratios survive

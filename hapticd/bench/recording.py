@@ -31,7 +31,7 @@ class Call(NamedTuple):
 
     @property
     def t_ns(self) -> int:
-        """When it was made, in virtual time."""
+        """Instant of the reference, in virtual time."""
         return int(self.arguments[-1])
 
 

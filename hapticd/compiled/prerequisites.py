@@ -1,4 +1,4 @@
-"""What an installation needs of the system: `make` runs this file first, `build_ext.py` asks before mypyc begins.
+"""Requirements of an installation: `make` runs this file first, `build_ext.py` asks before mypyc begins.
 
 It uses the standard library alone and parses on Python 3.7, so that an old one gets a sentence too.
 """

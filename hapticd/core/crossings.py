@@ -1,4 +1,4 @@
-"""Which layers each finger is on, and when it will cross their edges until the next frame begins."""
+"""Layers under each finger, and the instants at which it will cross their edges until the next frame begins."""
 
 from __future__ import annotations
 

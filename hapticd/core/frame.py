@@ -35,7 +35,7 @@ _KEPT: Final = 6  # of references: the one in force at the newest sample is up t
 
 @dataclass(slots=True)
 class PipelineCounters:
-    """How often each thing was done or spared; shown in `status`."""
+    """Counts of what was done or skipped; shown in `status`."""
 
     frames: int = 0
     passes: int = 0

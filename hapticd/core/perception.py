@@ -1,4 +1,4 @@
-"""What a contact feels: the mean over it of the friction curve at the plate's amplitude, and how sure that is.
+"""Friction of a contact: the mean over it of the friction curve at the plate's amplitude, and its uncertainty.
 
 Friction has a cusp wherever the amplitude is 0, which only many points resolve.
 """

@@ -290,19 +290,19 @@ class Pipeline:
         self._active.is_sent = False
 
     def past(self, keys: Sequence[FingerKey], t_ns: int) -> PlayedReference:
-        """What the plate did, and where these fingers were with which targets, at an instant not before the newest
+        """The plate's amplitudes, and the places and targets of these fingers, at an instant not before the newest
         sample: there a finger's place is known best, and the plate has followed its reference."""
         at, modal_um = self._frame.at(keys, t_ns), self._active.past_um(t_ns - self._settings.loop_delay_ns)
         return PlayedReference(modal_um, at.places, at.speed_gains, self._fingers.ellipses(keys))
 
     def motions(self, keys: Sequence[FingerKey], t_ns: int) -> list[tuple[float, float]]:
-        """How sure the place of each of these fingers is at an instant, its variance in mm^2 on each axis, and how fast
+        """Each of these fingers' variance of place at an instant, in mm^2 on each axis, and how fast
         it gains, in mm/s."""
         variances_mm2 = self._fingers.variances_mm2(keys, t_ns)
         return [(variances_mm2[n], self._frame.speed_mm_s(keys[n], t_ns)) for n in range(len(keys))]
 
     def asked_um(self, t_ns: int) -> Phasors:
-        """What the board's sensors should have read at an instant not long ago."""
+        """Reading that the board's sensors should have shown at an instant not long ago."""
         return self._active.past_um(t_ns - self._settings.loop_delay_ns)
 
     def reach(self, key: FingerKey | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:

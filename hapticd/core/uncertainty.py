@@ -1,4 +1,4 @@
-"""What is not known of plate, sensors and pad, and what that makes of the amplitude over a contact.
+"""Uncertainty of plate, sensors and pad, and of the amplitude over a contact that follows from it.
 
 The plate moves by (phi + its map's errors) (W + the sensors' errors), under a contact whose centre is not quite where
 the pad has it. None of these errors is known, but how large they are. With r0 the RMS over the contact by all that is

@@ -1,1 +1,1 @@
-"""What `hapticd run` is: the core wired to trackpad, board and clients, and its life as a process."""
+"""The service that `hapticd run` starts: the core wired to trackpad, board and clients, and its life as a process."""

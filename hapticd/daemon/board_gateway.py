@@ -179,7 +179,7 @@ class BoardGateway:
                 self.refused = str(error)
             return
         self.refused = ""
-        is_new = hello != self.session.hello  # else it only answered the request to rest
+        is_new = hello != self.session.hello  # else it only answered the request for standby
         if is_new:
             log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
         self._send(self.session.receive_hello(hello, t_now_ns), t_now_ns)
@@ -266,17 +266,17 @@ class BoardGateway:
         return f"it sends no {'valid ' if is_invalid else ''}{awaited}{LACK_OF.get(awaited, '')}: {remedy}"
 
     def standby_or_wake(self, is_active: bool, t_now_ns: int) -> None:
-        """Let the board rest after STANDBY_AFTER_NS without activity, and arm it again as soon as there is some."""
+        """Put the board on standby after STANDBY_AFTER_NS without activity, and arm it as soon as there is some."""
         if is_active:
             self.wake(t_now_ns)
         elif not self.session.follows(t_now_ns):
-            self._t_active_ns = t_now_ns  # it rests, or has to be armed first
+            self._t_active_ns = t_now_ns  # it is on standby, or has to be armed first
         elif t_now_ns - self._t_active_ns >= STANDBY_AFTER_NS:
             self._t_active_ns = t_now_ns  # if the line loses it, it is sent again after the same time
             self._send(self.session.standby(t_now_ns), t_now_ns)
 
     def wake(self, t_now_ns: int) -> None:
-        """Arm the board, if it rests."""
+        """Arm the board, if it is on standby."""
         self._t_active_ns = t_now_ns
         self._send(self.session.wake(t_now_ns), t_now_ns)
 

@@ -37,10 +37,10 @@ MAP_SIDE = 32  # of a described map: 64 surfaces of it are a reply of 80 KB
 
 
 class Host(Protocol):
-    """What the gateway needs of the machine."""
+    """Interface of the machine to the gateway."""
 
     def wake_if_on_standby(self, t_now_ns: int) -> None:
-        """Arm a resting board: targets are in force."""
+        """Arm a board on standby: targets are in force."""
 
     def clear_fault(self, t_now_ns: int) -> None:
         """Clear the board's fault. Raises RequestError where the board cannot be asked."""

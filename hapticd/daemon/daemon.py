@@ -90,7 +90,7 @@ class Daemon:
         self._t_awake_ns: int | None = None
         self._logged_lost = 0
         self._pass_times = PassTimes()
-        self._breather = RealtimeThrottle()
+        self._throttle = RealtimeThrottle()
         self._pad_link: tuple[Pad | None, str] | None = None  # what is connected, and why
         self._board_link: tuple[bool, str] | None = None
         self._recorders: Recorders | None = None
@@ -307,8 +307,8 @@ class Daemon:
             machine.budget(self._pass_times.budget_frac, now_ns())
         is_overrun, loop = ran_ns >= OVERRUN_NS, machine.status.loop
         loop.overruns += is_overrun
-        self._breather.look(is_overrun=is_overrun)
-        loop.throttled = self._breather.throttled
+        self._throttle.look(is_overrun=is_overrun)
+        loop.throttled = self._throttle.throttled
 
     def _notice_stall(self, t_now_ns: int) -> None:
         """After a stall of this process read what the board has sent meanwhile, before its silence is judged."""
@@ -343,8 +343,8 @@ class Daemon:
             self._log_lost()
 
     def _set_pace(self, *, after_reports: bool = False) -> None:
-        """Set the timer to what the machine needs: while reports arrive they replace the ticks. A resting board is read
-        as rarely."""
+        """Set the timer to what the machine needs: while reports arrive they replace the ticks. A board on standby is
+        read as rarely."""
         self._link.wait(self.machine.session.can_wait)
         if self._timer is None:
             return

@@ -39,7 +39,7 @@ log = logging.getLogger("hapticd")
 
 TIMER_NS = 10_000_000  # period of `timer` while the touch path is active
 LOOK_EVERY_NS = 100_000_000  # while idle: whatever starts a touch arrives as a report or a message
-STANDBY_EVERY_NS = 400_000_000  # while the board rests too; the service manager's watchdog allows 1 s
+STANDBY_EVERY_NS = 400_000_000  # on standby too; the service manager's watchdog allows 1 s
 TEND_AFTER_NS = 15_000_000  # without a timer: reports that come more often make its ticks needless
 EARLY_NS = 5_000_000  # a timer may come earlier by this and still count
 TOUCHED, RELEASED = Event.TOUCHED, Event.RELEASED
@@ -144,7 +144,7 @@ class Machine:
 
     @property
     def timer_period_ns(self) -> int:
-        """How soon `timer` is due again; after `reports` the first time not before REPORTS_ENDED_NS."""
+        """Time until `timer` is due again; after `reports` the first time not before REPORTS_ENDED_NS."""
         if self.session.is_on_standby:
             return STANDBY_EVERY_NS
         may_wait = self.is_idle and not self.session.awaits_last  # each tick is a keep-alive, and no more is needed
@@ -159,7 +159,7 @@ class Machine:
             or self.scene.next_expiry_ns is not None
         )
 
-    def _rests(self, t_now_ns: int) -> bool:
+    def _needs_nothing(self, t_now_ns: int) -> bool:
         """Nothing needs attention now: the board holds its zero, or was left quiet."""
         return (
             t_now_ns - self._t_looked_ns < LOOK_EVERY_NS - EARLY_NS
@@ -238,19 +238,19 @@ class Machine:
         return self.pipeline.drive(t_now_ns, timing, frames)
 
     def link_timing(self, t_now_ns: int) -> LinkTiming:
-        """What a pass takes from the board; its computing is in `ahead_ns`. A board that rests is given the last
-        reference when it wakes."""
+        """Timing of a pass by the board; its computing is in `ahead_ns`. A board on standby is given the
+        last reference when it wakes."""
         session = self.session
         is_followed = session.is_on_standby or session.holds(t_now_ns)
         return LinkTiming(session.latency.link_ns, self.supervisor.state in DRIVING, is_followed)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,
-        make the pass that moves virtual fingers. At rest all that is due every LOOK_EVERY_NS, keep-alives in between.
+        make the pass that moves virtual fingers. Idle, all is due every LOOK_EVERY_NS, keep-alives in between.
         """
         if self._observed.observer is not None:  # an idle tick takes 1.6 us, a call without effect 0.07
             self._observed.put("timer", t_now_ns)
-        if self._rests(t_now_ns):
+        if self._needs_nothing(t_now_ns):
             if not self.session.is_on_standby:
                 self.board.keep_alive(t_now_ns)
             return
@@ -335,7 +335,7 @@ class Machine:
         return self.clients.request(payload, t_now_ns, user, waited_ns)
 
     def wake_if_on_standby(self, t_now_ns: int) -> None:
-        """Arm a board that rests: targets are in force."""
+        """Arm a board on standby: targets are in force."""
         if self.session.is_on_standby:
             self.board.standby_or_wake(self._is_active(), t_now_ns)
 

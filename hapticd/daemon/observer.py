@@ -9,7 +9,7 @@ Observer = Callable[..., None]
 
 
 class Observed:
-    """Where a machine, its board and its clients put their records; an observer may come and go at any time."""
+    """Receiver of the records of a machine, its board and its clients; an observer may come and go at any time."""
 
     def __init__(self) -> None:
         self.observer: Observer | None = None

@@ -1,4 +1,4 @@
-"""What a person perceives: the friction that each finger gets, against the friction that was asked for it.
+"""Perceived friction: the friction that each finger gets, against the friction that was asked for it.
 
 It is judged when the newest touch sample was taken: there the finger's place is measured, not predicted, and the plate
 has followed its reference; where the board's voltage ended, by what its sensors read. What is not known is expected

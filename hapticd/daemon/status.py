@@ -1,4 +1,4 @@
-"""What the service reports of itself: the telemetry message of each pass, and the answers to `status` and `plate`."""
+"""The service's reports of itself: the telemetry message of each pass, and the answers to `status` and `plate`."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Status:
         )
 
     def lost(self) -> dict[str, int]:
-        """What a computer that is too busy has cost the touch since the start. Missed ticks alone cost nothing."""
+        """Losses of the touch to a computer that is too busy, since the start. Missed ticks alone cost nothing."""
         ledger, touch = self._board.session.ledger, self._pipeline.counters
         counts = {
             "frames late": ledger.late_frames,
@@ -128,7 +128,7 @@ class Status:
     # --- answers ---
 
     def plate(self) -> Plate:
-        """What a picture of the plate needs: its size, limits and drive, and points of its mode map.
+        """Data for a picture of the plate: its size, limits and drive, and points of its mode map.
 
         The map's own points, as many as a wave needs: the daemon evaluates no others for a client.
         """

@@ -82,7 +82,7 @@ class Tolerances(NamedTuple):
 
     @property
     def tenth_frac(self) -> float:
-        """What nine in ten copies have, or more."""
+        """The share that nine in ten copies have, or more."""
         return float(np.quantile(self.felt_frac, 0.1))
 
 

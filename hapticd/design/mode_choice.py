@@ -43,7 +43,7 @@ BESIDE_HZ = (0.0, -12.5, 12.5)
 
 @dataclass(frozen=True, slots=True)
 class FeltTask:
-    """What is asked of the fingers, all at the same time, and of the modes; `curve_um`: the amplitudes at which these
+    """Requirements on the fingers, all at the same time, and on the modes; `curve_um`: the amplitudes at which these
     fingers feel equally spaced frictions 1 .. 0, where they were measured."""
 
     targets_um: tuple[float, ...] = (1.0, 0.0)

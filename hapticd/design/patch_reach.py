@@ -1,4 +1,4 @@
-"""What patches do to the modes, force, modal mass, volts and reach, and what they ask of their amplifiers.
+"""Effect of patches on the modes: force, modal mass, volts, reach, and current of their amplifiers.
 
 A patch pulls at its edges with the force N V per length (Crawley and de Luis, AIAA J. 25 (1987) 1373), so it drives a
 mode by N V times the stretch of its area (`patch_places.couplings`), with N = |d31| Y / (1 - nu). In the rotating frame

@@ -1,4 +1,4 @@
-"""What a designed plate asks of glass, cooling, amplifiers and ears, each against a bound with its source.
+"""Loads of a designed plate on glass, cooling, amplifiers and ears, each against a bound with its source.
 
 Figures are of places at random, with the amplitudes and volts that the friction asked takes there. They follow from
 mode shapes and small-signal values of the patches; nothing was measured.

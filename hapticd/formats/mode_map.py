@@ -47,7 +47,7 @@ _MIN_FILLED_FRAC = 0.5  # of a grid: with fewer points they are scattered
 
 
 class SweptModes(NamedTuple):
-    """What a sweep of each of A amplifiers shows of a scan's modes: frequency and quality (M,), and what a volt does to
+    """A scan's modes by a sweep of each of A amplifiers: frequency and quality (M,), and what a volt does to
     a mode's largest amplitude, or to the unit of readings that keep their scale, (M, A), um/(V s), with the sign of the
     readings' real part."""
 

@@ -40,7 +40,7 @@ class TimeBudget:
 
     @property
     def wait_s(self) -> float:
-        """How long there is no time yet, from the last look at `has_time` on."""
+        """Time until there is time again, from the last look at `has_time` on."""
         return max(-self._left_ns, 0.0) / self._share * 1e-9
 
     def __enter__(self) -> None:

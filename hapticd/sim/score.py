@@ -48,7 +48,7 @@ class TrueContact(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FingerFriction:
-    """What one finger felt while it counted, NaN if it never did: its error's mean, the median of its size and what
+    """Friction of one finger while it counted, NaN if it never did: its error's mean, the median of its size and what
     that is below for 95 % of the time, and the shares of time within one and two just noticeable differences."""
 
     bias_jnd: float

@@ -61,7 +61,7 @@ class Settings:
 
 
 class Measured(NamedTuple):
-    """What the daemon has measured of the plate: the mode map, and the calibration for the board."""
+    """The plate as the daemon has measured it: the mode map, and the calibration for the board."""
 
     modes: ModeShapes
     calibration: BoardCalibration = UNCALIBRATED

@@ -1,4 +1,4 @@
-"""What is wrong in a laboratory: one field per cause.
+"""Errors of a laboratory: one field per cause.
 
 The daemon's configuration describes a world without these errors; the simulation plays one with them. So perfect
 knowledge of a cause is its field at the neutral value.
@@ -33,7 +33,7 @@ _Scale = Annotated[float, msgspec.Meta(gt=-1.0)]  # minus 1
 
 @dataclass(frozen=True, slots=True)
 class PadPose:
-    """Where the pad lies, relative to a centred one: shift, anticlockwise rotation, scale minus 1."""
+    """Pose of the pad, relative to a centred one: shift, anticlockwise rotation, scale minus 1."""
 
     x_mm: float = 0.0
     y_mm: float = 0.0
@@ -67,7 +67,7 @@ class SensorErrors:
 
 @dataclass(frozen=True, slots=True)
 class FingerLoad:
-    """What fingers do to the plate in addition to their usual damping.
+    """Effect of fingers on the plate in addition to their usual damping.
 
     `damping_factor` multiplies that; `detuning_hz` is added to a mode's frequency per square of its shape under a
     finger; both rise and fall by `force_frac` with the finger's force, at about 1 Hz. Both act over the contact's disc
@@ -99,7 +99,7 @@ class MapChange:
 
 @dataclass(frozen=True, slots=True)
 class CentroidErrors:
-    """How far from a contact's centre a resting finger is reported, in mm.
+    """Distance from a contact's centre at which a resting finger is reported, in mm.
 
     `finger_mm` in a direction of each finger's own, the same always; `posture_mm` in one that all fingers share in a
     session, and another in the next (`settings.Settings.session`); `wander_mm`, RMS, in a few seconds to and fro,
@@ -127,7 +127,7 @@ class ContactSizes:
 
 @dataclass(frozen=True, slots=True)
 class Skin:
-    """What changes a person's `friction_factor`.
+    """Changes of a person's `friction_factor`.
 
     `finger_ratio`: each finger has its own, up to so many times the person's either way. `drift_frac`: by which it
     grows in DRIFT_S from a run's start on, as skin moistens. `speed_s_m`, `force_power`: a friction takes an amplitude
@@ -143,7 +143,7 @@ class Skin:
 
 @dataclass(frozen=True, slots=True)
 class EllipseErrors:
-    """How the pad's law of ellipses differs from that of `pad_ellipse.USUAL`: scale over its less 1, and its offset."""
+    """Difference of the pad's law of ellipses from `pad_ellipse.USUAL`: scale over its less 1, and its offset."""
 
     scale_frac: _Scale = 0.0
     offset_mm: float = 0.0

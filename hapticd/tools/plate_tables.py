@@ -1,4 +1,4 @@
-"""What `hapticd plate --felt` prints and writes of plates for whole fingertips: tables and JSON."""
+"""Tables and JSON of `hapticd plate --felt`, of plates for whole fingertips."""
 
 from __future__ import annotations
 

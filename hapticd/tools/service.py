@@ -173,12 +173,12 @@ async def _serve(
         return reread()
 
     while True:
-        wanted = await serve(
+        requested = await serve(
             prepared.daemon(notifier), prepared.modes, read_again if reread else None, config_loader.watch
         )
-        if wanted is None:
+        if requested is None:
             break
-        prepared = await _prepared(config_loader, wanted, prepared.config, notifier)
+        prepared = await _prepared(config_loader, requested, prepared.config, notifier)
     notifier.notify(stopping=1)
 
 
@@ -201,9 +201,9 @@ async def _check_elsewhere(command: Sequence[str]) -> None:
         raise HapticdError(reason)
 
 
-async def _prepared(config_loader: ConfigLoader, wanted: Config, before: Config, notifier: Notifier) -> Prepared:
+async def _prepared(config_loader: ConfigLoader, requested: Config, before: Config, notifier: Notifier) -> Prepared:
     """Prepare the new configuration, or the previous one if a file vanished since the check."""
-    preparing = asyncio.create_task(asyncio.to_thread(config_loader.prepare, wanted))
+    preparing = asyncio.create_task(asyncio.to_thread(config_loader.prepare, requested))
     while not (await asyncio.wait({preparing}, timeout=WATCHDOG_EVERY_S))[0]:
         notifier.notify(watchdog=1)
     try:

@@ -45,7 +45,7 @@ class Frame(NamedTuple):
 
 
 class Touched(NamedTuple):
-    """What a recording shows: its header, the board's hello, ticks, and the fingers' tracks."""
+    """Contents of a recording: its header, the board's hello, ticks, and the fingers' tracks."""
 
     header: Header
     drive_hz: float
@@ -55,7 +55,7 @@ class Touched(NamedTuple):
 
 @dataclass(slots=True)
 class Collected:
-    """What `calibrate touch` needs of the records of a machine."""
+    """Reader of a machine's records for `calibrate touch`."""
 
     board: tuple[float, int] | None = None  # its control rate and its boot, whose clock stamps samples
     control_hz: float = 0.0
@@ -192,7 +192,7 @@ def _ticks(collected: Collected, t_start_ns: int) -> Ticks:
 
 
 class _Around(NamedTuple):
-    """What the samples before and after show of each: slope (T, M), distance from their mean, and if both are near."""
+    """Estimate each from the samples before and after: slope (T, M), distance from their mean, and if both are near."""
 
     slope_um_s: ComplexArray
     off_um: ComplexArray

@@ -33,7 +33,7 @@ def test_every_part_has_a_runner() -> None:
     assert [*bench.runners(parser.parse_args([]))] == [*bench.PARTS]
 
 
-def test_without_a_part_the_parts_are_listed_with_the_time_they_take_and_nothing_runs(
+def test_without_a_part_the_parts_are_listed_with_their_time_and_nothing_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(bench, "runners", lambda _: pytest.fail("it runs"))

@@ -57,7 +57,7 @@ def test_a_map_is_limited_by_its_noise_and_not_by_its_interpolation() -> None:
     assert table.figure("bicubic", "interpolation_um") < 1e-4
 
 
-def test_the_default_predictor_errs_less_than_its_alternatives_on_strokes_of_either_pad() -> None:
+def test_the_default_predictor_errs_less_than_its_alternatives_on_either_pad() -> None:
     for table in part("prediction"):
         ours, *others = (table.figure(row, "strokes_mm") for row in ("default", "hold", "linear", "kalman_cv"))
         assert ours < min(others), table.name

@@ -28,7 +28,7 @@ STATE = PlateState(
 MESSAGES = 20_000
 
 
-def test_no_bytes_of_a_stranger_make_it_read_beyond_them(tmp_path: Path) -> None:
+def test_hostile_bytes_make_it_read_nothing_beyond_them(tmp_path: Path) -> None:
     made = compiled(tmp_path, *SANITIZERS, str(Path(__file__).with_name("read_c.c")))
     sound = [
         wire.encode_state(STATE),

@@ -183,7 +183,7 @@ def test_a_matrix_that_is_none_is_refused(matrix: str, sentence: str, tmp_path: 
         load(f"[trackpad]\nmatrix = {matrix}\n", tmp_path)
 
 
-def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_person_set() -> None:
+def test_a_simulated_plate_sets_size_and_limits_but_none_that_a_person_set() -> None:
     reach_um = (4.2, 3.6, 1.4, 1.5)
     on_plate = config.on_plate(Config(), (200.0, 200.0), reach_um)
     assert (on_plate.plate.size_mm, on_plate.limits.w_limit_um) == ((200.0, 200.0), reach_um)
@@ -191,14 +191,14 @@ def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_per
     assert config.on_plate(own, (200.0, 200.0), reach_um).limits.w_limit_um == (1.0,) * 4
 
 
-def test_a_simulated_plate_sets_what_is_not_known_of_it_but_not_over_what_a_person_set() -> None:
+def test_a_simulated_plate_sets_its_uncertainty_but_not_over_a_person_s() -> None:
     ideal = UncertaintyConfig(map_frac=0.0)
     assert config.with_uncertainty(Config(), ideal).uncertainty == ideal
     own = replace(Config(), uncertainty=UncertaintyConfig(map_frac=0.1))
     assert config.with_uncertainty(own, ideal) == own
 
 
-def test_a_measured_friction_curve_has_its_floor_and_its_speed_and_the_built_in_one_may_have_a_speed() -> None:
+def test_a_measured_friction_curve_has_floor_and_speed_the_built_in_one_a_speed() -> None:
     text = "[plate]\nfriction_curve = [0, 1, 3]\nfriction_floor_frac = 0.25\nfriction_speed_mm_s = 200\n"
     curve = friction_curve(config.from_table(tomllib.loads(text), where="x", folder=None))
     assert (curve.knots[0], curve.floor_frac, curve.speed_mm_s) == ((0.0, 3.0), 0.25, 200.0)

@@ -7,7 +7,7 @@ from hapticd.core.trajectory.gate import silence
 from hapticd.values import Knot, LimitReason, SafeDrive
 
 
-def test_a_polyline_is_continued_in_floats_where_no_phase_turns_and_in_phasors_where_one_does() -> None:
+def test_a_polyline_goes_on_in_floats_without_and_in_phasors_with_turned_phases() -> None:
     plain = SafeDrive(1000, (Knot(0, (1.0, 0.0)), Knot(4000, (2.0, 1.0))), LimitReason.NONE)
     turning = plain._replace(knots=(Knot(0, (1j, 0j)), Knot(4000, (1 + 0j, 0j))))
 

@@ -42,7 +42,7 @@ def test_one_finger_slips_while_the_other_sticks(bench: Bench) -> None:
         assert amplitude_um(tick, knot, STICKY) < 1e-12
 
 
-def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_lost_report() -> None:
+def test_the_first_knot_is_one_link_from_now_and_a_frame_outlasts_a_lost_report() -> None:
     bench = Bench(frame_duration_ns=17 * MS, loop_delay_ns=2 * MS)
     bench.land({SLIPPERY: 1.0})
     tick = bench.report(SLIPPERY)
@@ -90,7 +90,7 @@ def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down(bench: Bench)
     assert not any(any(knot.modal_um) for knot in tick.drive.knots)
 
 
-def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_would_say() -> None:
+def test_still_fingers_let_the_last_reference_stand_and_it_equals_a_new_one() -> None:
     bench, never = Bench(), Bench(tolerance_um=1e-12)
     for each in (bench, never):
         each.land({SLIPPERY: 1.0, STICKY: 0.0})
@@ -104,7 +104,7 @@ def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_wou
         assert abs(w_um - exact_um) <= 0.01
 
 
-def test_standing_ellipses_skip_their_passes_also_with_the_pad_s_noise_until_a_finger_presses() -> None:
+def test_resting_ellipses_skip_passes_despite_noise_until_a_finger_presses() -> None:
     bench = Bench(contact_radius_mm=5.0, ellipse_scale=1.15, ellipse_offset_mm=0.8)
     bench.land({SLIPPERY: 1.0, STICKY: 0.0})
     bench.hold(30, SLIPPERY, STICKY)
@@ -134,7 +134,7 @@ def test_whatever_changes_ends_the_standing(change: str, bench: Bench) -> None:
     assert bench.report(*positions).drive is not None
 
 
-def test_two_moving_fingers_are_predicted_four_times_in_a_pass_and_once_each_for_every_knot_solved_between() -> None:
+def test_two_moving_fingers_are_predicted_4_times_and_once_each_per_knot_between() -> None:
     """Also when their last reference had settled."""
     bench = Bench(make_predictor=CountedPredictor)
     bench.land({SLIPPERY: 1.0, STICKY: 0.0})
@@ -151,7 +151,7 @@ def test_two_moving_fingers_are_predicted_four_times_in_a_pass_and_once_each_for
     assert {kind: set(found) for kind, found in counts.items()} == {kind: {2 * kind[0]} for kind in counts}
 
 
-def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the_tolerance() -> None:
+def test_faster_fingers_get_more_knots_and_the_polyline_is_within_tolerance() -> None:
     counts = []
     for speed_mm_s in (0.0, 50.0, 100.0, 200.0):
         path = VirtualPath(((-60.0, 4.0), (60.0, 20.0)), speed_mm_s, loop=True)
@@ -231,7 +231,7 @@ def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers(bench: Bench
     assert bench.report(SLIPPERY).drive is None  # a new finger without a target
 
 
-def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and_the_zero_stays(bench: Bench) -> None:
+def test_where_the_limit_holds_the_target_is_derated_and_the_zero_stays(bench: Bench) -> None:
     nearly_singular = (STICKY[0] - 27.3, STICKY[1])  # a wavelength on: nearly the same shapes
     bench.land({nearly_singular: 1.0, STICKY: 0.0})
     tick = bench.report(nearly_singular, STICKY)

@@ -111,7 +111,7 @@ def begun_ns(player: Player) -> int:
 # --- the form on the plate --------------------------------------------------------------------------------------
 
 
-def test_a_pulse_is_played_with_knots_at_its_corners_from_the_first_frame_after_its_message(player: Player) -> None:
+def test_a_pulse_has_knots_at_its_corners_from_the_first_frame_after_its_message(player: Player) -> None:
     player.play(6, SLIPPERY)
     player.lay({"click": Effect.of(Pulse(1.0, 0.03, 0.002))})
     drive = player.press(SLIPPERY).drive
@@ -186,7 +186,7 @@ def test_a_strip_that_is_crossed_within_one_frame_is_entered_and_left(player: Pl
     ]
 
 
-def test_a_surface_that_appears_or_moves_under_a_finger_is_entered_without_a_crossing(player: Player) -> None:
+def test_a_surface_that_appears_or_moves_under_a_finger_is_entered_not_crossed(player: Player) -> None:
     player.play(6, SLIPPERY)
     player.lay({}, {"disc": Surface.of(ONE, Circle(5.0), SLIPPERY)})
     player.play(3, SLIPPERY)
@@ -214,7 +214,7 @@ def test_a_button_clicks_once_per_press_with_hysteresis(player: Player) -> None:
     ]
 
 
-def test_a_finger_that_presses_before_it_is_on_the_button_or_the_button_there_does_not_click(player: Player) -> None:
+def test_a_finger_that_pressed_before_it_was_on_the_button_does_not_click(player: Player) -> None:
     player.play(3, SLIPPERY, pressure_frac=0.8)
     player.lay({"click": Effect.of(CLICK, on="left", start=BUTTON)}, TILE)
     player.play(3, SLIPPERY, pressure_frac=0.8)
@@ -275,7 +275,7 @@ def test_a_refreshed_message_does_not_start_an_effect_again_and_another_id_does(
         assert player.scene.effects.begun == begun
 
 
-def test_an_effect_ends_with_its_surface_which_may_be_refused_in_a_message_that_repeats_the_effect() -> None:
+def test_an_effect_ends_with_its_surface_even_if_a_message_repeats_the_effect() -> None:
     player, start = Player(), OnEntering(surface="tile")
     effects = {"buzz": Effect.of(CLICK, start=start, loops=True)}
     player.lay(effects, surfaces={"tile": Surface.of(Amplitude(0.5))})
@@ -440,7 +440,7 @@ any_step = st.tuples(
 
 @given(st.lists(any_step, max_size=12))
 @settings(max_examples=25)
-def test_whatever_fingers_and_clients_do_every_pass_makes_a_sound_frame_and_events_in_order(steps: list[Any]) -> None:
+def test_for_any_fingers_and_clients_frames_are_sound_and_events_in_order(steps: list[Any]) -> None:
     player = Player()
     for effects, surfaces, places, pressure_frac, reports in steps:
         if effects is not None:

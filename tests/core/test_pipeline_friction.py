@@ -45,7 +45,7 @@ def test_a_friction_gets_the_amplitude_of_the_finger_s_predicted_speed(speed_mm_
 
 
 @pytest.mark.parametrize("content", [Friction(0.5), LevelMap(1, 1, b"\0", 0.0, 1.0, friction=(0.5, 0.0))])
-def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s_limit(content: Content) -> None:
+def test_a_surface_s_friction_follows_the_speed_within_the_plate_s_limit(content: Content) -> None:
     for limit_um, expected_um in ((4.0, REST_UM * 1.95), (0.6, 0.6)):
         one = bench(CURVE, limit_um)
         surface = {"all": Surface.of(content)}
@@ -54,9 +54,7 @@ def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s
 
 
 @pytest.mark.parametrize(("speed_mm_s", "predictions"), [(math.inf, 1), (SPEED_MM_S, 2)])
-def test_a_finger_is_predicted_twice_for_an_instant_only_where_friction_depends_on_its_speed(
-    speed_mm_s: float, predictions: int
-) -> None:
+def test_a_finger_is_predicted_twice_only_where_friction_depends_on_speed(speed_mm_s: float, predictions: int) -> None:
     curve = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=speed_mm_s)
     one = bench(curve, make_predictor=CountedPredictor)
     targets_um(one, 0.0, Friction(0.5))

@@ -62,7 +62,7 @@ def test_a_finger_s_own_target_wins_and_when_it_ends_the_surface_is_felt(bench: 
     assert [point.target_um for point in bench.report(SLIPPERY, STICKY).points] == [1.0, 1.0]
 
 
-def test_when_the_last_surface_has_ended_its_fingers_are_held_still_and_a_new_one_is_not(bench: Bench) -> None:
+def test_after_the_last_surface_its_fingers_are_held_still_and_new_ones_are_not(bench: Bench) -> None:
     publish(bench, ttl_ns=3 * PERIOD_NS, all=Surface.of(ONE))
     bench.hold(2, SLIPPERY)
     (point,) = bench.report(SLIPPERY).points  # its time is up
@@ -70,7 +70,7 @@ def test_when_the_last_surface_has_ended_its_fingers_are_held_still_and_a_new_on
     assert [point.key for point in bench.report(SLIPPERY, STICKY).points] == [1]
 
 
-def test_a_resting_finger_on_a_resting_surface_needs_no_new_frame_and_on_a_moving_one_does(bench: Bench) -> None:
+def test_a_resting_finger_needs_new_frames_only_on_a_moving_surface(bench: Bench) -> None:
     publish(bench, disc=Surface.of(ONE, Circle(5.0), SLIPPERY))
     assert [tick.drive is None for tick in bench.hold(4, SLIPPERY)][-1]
     publish(bench, disc=Surface.of(ONE, Circle(5.0), SLIPPERY, velocity_mm_s=(300.0, 0.0)))
@@ -115,7 +115,7 @@ def test_knots_lie_on_both_sides_of_an_edge_where_it_is_predicted_to_be_crossed(
     assert crossed >= 1
 
 
-def test_a_layer_that_walks_its_path_over_a_resting_finger_has_knots_at_its_edges_also_where_it_turns() -> None:
+def test_a_moving_layer_has_knots_at_its_edges_over_a_resting_finger_in_turns_too() -> None:
     bench = Bench()
     path = VirtualPath(((0.0, Y_MM), (7.0, Y_MM)), 500.0, loop=True)  # over the finger for 8 ms where it turns
     publish(bench, patch=Surface.of(ONE, Circle(5.0), path=path))

@@ -40,7 +40,7 @@ REAL_TIME = replace(CONFIG, realtime=replace(CONFIG.realtime, fifo_priority=1))
 
 
 class Hardware:
-    """A terminal that hears the daemon and an endpoint that it may connect to."""
+    """A terminal at the daemon's line and an endpoint that it may connect to."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -98,25 +98,25 @@ class Manager(Notifier):
 
     def __init__(self) -> None:
         super().__init__({})
-        self.heard: list[str] = []
+        self.received: list[str] = []
 
     def notify(self, **state: str | int) -> bool:
-        self.heard += state
+        self.received += state
         return True
 
     def feed_watchdog(self, t_now_ns: int) -> None:
         assert t_now_ns > 0
-        self.heard.append("watchdog")
+        self.received.append("watchdog")
 
 
 @asynchronous
 async def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(hardware: Hardware) -> None:
     manager = Manager()
     async with hardware.started(notifier=manager) as service:
-        assert manager.heard == []
+        assert manager.received == []
         service.ready()
-        await until(lambda: manager.heard.count("watchdog") >= 3)
-        assert manager.heard[:3] == ["ready", "status", "watchdog"]
+        await until(lambda: manager.received.count("watchdog") >= 3)
+        assert manager.received[:3] == ["ready", "status", "watchdog"]
 
         def fail(*_: object) -> Tick:
             raise RuntimeError("a bug")
@@ -124,11 +124,11 @@ async def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(
         machine = service.machine
         machine._decide = fail  # type: ignore[method-assign]
         await until(lambda: machine.is_failing)
-        fed, ticked = len(manager.heard), machine.status.loop.tick_late.count
+        fed, ticked = len(manager.received), machine.status.loop.tick_late.count
         await until(lambda: machine.status.loop.tick_late.count >= ticked + 4)
-        assert len(manager.heard) == fed
+        assert len(manager.received) == fed
         del machine._decide
-        await until(lambda: len(manager.heard) > fed)
+        await until(lambda: len(manager.received) > fed)
 
 
 @asynchronous
@@ -150,12 +150,12 @@ async def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_
 
 
 @asynchronous
-async def test_after_a_pass_that_overran_the_loop_sleeps_the_next_passes_do_less_and_the_timing_line_counts_it(
+async def test_after_an_overrun_the_loop_sleeps_passes_do_less_and_it_is_counted(
     hardware: Hardware, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     ran_ns, slept_s = itertools.count(0, 2 * OVERRUN_NS), list[float]()
     async with hardware.started() as service:
-        service._breather = RealtimeThrottle(ran_ns=lambda: 0, sleep=slept_s.append)
+        service._throttle = RealtimeThrottle(ran_ns=lambda: 0, sleep=slept_s.append)
         monkeypatch.setattr("hapticd.daemon.daemon.time.thread_time_ns", lambda: next(ran_ns))
         service._reports([RawReport(now_ns(), b"")])
         timing = service.machine.report_status(now_ns())["timing"]
@@ -165,7 +165,7 @@ async def test_after_a_pass_that_overran_the_loop_sleeps_the_next_passes_do_less
 
 
 @asynchronous
-async def test_after_a_stall_of_the_process_the_log_names_it_and_the_board_is_read_before_it_is_judged(
+async def test_after_a_stall_the_log_names_it_and_the_board_is_read_before_a_verdict(
     hardware: Hardware, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with hardware.started() as service:
@@ -187,11 +187,11 @@ async def test_after_a_stall_of_the_process_the_log_names_it_and_the_board_is_re
 @asynchronous
 async def test_a_second_daemon_is_refused_in_its_own_words_and_opens_no_device(hardware: Hardware) -> None:
     async with hardware.started():
-        hardware.terminal.heard()
+        hardware.terminal.received()
         with pytest.raises(AlreadyRunningError) as refused:
             await serve(hardware.daemon(), PLATE)
         assert refused.value.exit_code == 75
-        assert hardware.terminal.heard() == b""
+        assert hardware.terminal.received() == b""
         assert (hardware.folder / "run" / "control").is_socket()
 
 

@@ -109,7 +109,7 @@ def test_a_cable_that_does_not_carry_the_fast_line_ends_at_the_first_speed(caplo
     assert rig.run(5000).port_baud == FIRST, "it is not tried again"
 
 
-def test_a_fast_line_that_breaks_silences_the_plate_and_comes_back_at_the_first_speed() -> None:
+def test_a_fast_line_that_breaks_silences_the_plate_and_restarts_at_first_speed() -> None:
     rig = Rig(baud_max=FAST).run(600)
     rig.fails_at = FAST
     rig.run(200)

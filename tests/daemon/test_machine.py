@@ -1,4 +1,4 @@
-"""The daemon without sockets, in virtual time: genuine reports and requests go in, and what the board hears is read."""
+"""The daemon without sockets, in virtual time: genuine reports and requests in, commands to the board out."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ def test_a_machine_that_another_replaces_is_gone_at_once() -> None:
 def test_the_last_thing_said_is_silence() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.machine.stop(bench.t_ns)
-    assert bench.board.heard[-1].name == "reference"
-    assert bench.board.heard[-1].peak_um == 0.0
-    said = len(bench.board.heard)
+    assert bench.board.received[-1].name == "reference"
+    assert bench.board.received[-1].peak_um == 0.0
+    said = len(bench.board.received)
     bench.machine.reports([RawReport(bench.t_ns, b"\x02")], bench.t_ns)
     bench.set_targets({1: 4.0, 2: 0.0})
     bench.machine.trackpad_link(True, "late", bench.t_ns)
-    assert bench.board.heard[said:] == []
+    assert bench.board.received[said:] == []
     assert bench.state is State.STOPPED
 
 
-def test_a_listener_changes_nothing_of_what_the_board_hears_and_each_pass_is_published() -> None:
+def test_a_listener_changes_no_byte_to_the_board_and_each_pass_is_published() -> None:
     alone, watched = Bench(SLIPPERY, STICKY).driven(), Bench(SLIPPERY, STICKY).driven()
     states: list[bytes] = []
     watched.machine.status.publish = states.append
-    heard = [bench.run(300) for bench in (alone, watched)]
-    assert heard[0] == heard[1]
+    received = [bench.run(300) for bench in (alone, watched)]
+    assert received[0] == received[1]
     assert len(states) > 20
     assert [bench.ask("status")["body"]["telemetry"]["published"] for bench in (alone, watched)] == [0, len(states)]
 

@@ -1,4 +1,4 @@
-"""What the board hears of the daemon, and what the daemon makes of what the board says, in virtual time."""
+"""Commands to the board and reactions to its messages, in virtual time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_touching_drives_the_board_and_lifting_leaves_it_a_zero() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
-    assert all(each.peak_um <= 4.0 for each in references(bench.board.heard))
+    assert all(each.peak_um <= 4.0 for each in references(bench.board.received))
     bench.set_targets({})
     bench.run(60)
     assert bench.board.peak_um == 0.0
@@ -43,7 +43,7 @@ def test_a_zero_frame_lost_on_the_line_is_sent_again_before_the_dead_man_notices
     bench.pad_speaks = False  # its fingers count as lifted
     while not (lost := [each for each in references(bench.run(1)) if each.peak_um == 0.0]):
         pass
-    bench.board.seq, bench.board.peak_um = taken, 1.0  # it never heard it
+    bench.board.seq, bench.board.peak_um = taken, 1.0  # it never received it
     bench.from_board.clear()
     assert bench.machine.timer_period_ns == TIMER_NS
     again = references(bench.run(35))
@@ -54,7 +54,7 @@ def test_a_zero_frame_lost_on_the_line_is_sent_again_before_the_dead_man_notices
     assert bench.machine.timer_period_ns == 2 * TIMER_NS
 
 
-def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drives_again(
+def test_a_failed_pass_is_silence_logged_once_and_the_next_good_one_drives(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
@@ -81,7 +81,7 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
     assert bench.board.peak_um > 0.5
 
 
-def rested(bench: Bench) -> Bench:
+def on_standby(bench: Bench) -> Bench:
     """No finger for long enough: the board was left quiet."""
     bench.run(3000)
     assert bench.machine.session.is_on_standby
@@ -89,11 +89,11 @@ def rested(bench: Bench) -> Bench:
     return bench
 
 
-def test_a_board_that_nobody_wants_is_left_quiet_and_hears_no_keep_alives() -> None:
-    bench = rested(Bench())
+def test_an_idle_board_goes_on_standby_and_gets_no_keep_alives() -> None:
+    bench = on_standby(Bench())
     assert bench.machine.timer_period_ns == STANDBY_EVERY_NS
-    heard = bench.run(5000)
-    assert {each.name for each in heard} == {"time"}
+    received = bench.run(5000)
+    assert {each.name for each in received} == {"time"}
     assert bench.state is State.ARMED
     assert bench.ask("status")["body"]["board"]["state"] == "QUIET"
 
@@ -101,7 +101,7 @@ def test_a_board_that_nobody_wants_is_left_quiet_and_hears_no_keep_alives() -> N
 def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anything() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.pad_speaks = False
-    rested(bench)
+    on_standby(bench)
     bench.pad_speaks = True
     names: list[str] = []
     while "reference" not in names:
@@ -123,7 +123,7 @@ def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anyth
     ids=lambda message: next(iter(message)),
 )
 def test_a_board_at_rest_is_armed_by_the_message_that_wants_something(message: dict[str, object]) -> None:
-    bench = rested(Bench())
+    bench = on_standby(Bench())
     bench.ask("set", client="test", ttl_s=5.0, **message)
     assert not bench.machine.session.is_on_standby
     assert bench.board.state == LIVE
@@ -137,12 +137,12 @@ def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later
     bench.board.mute = True
     while "hello" not in [each.name for each in bench.run(1)]:
         pass
-    bench.board.state = LIVE  # it never heard it
+    bench.board.state = LIVE  # it never received it
     bench.board.mute = False
     bench.board.status()
     assert "keep-alive" in [each.name for each in bench.run(60)]
     assert not bench.machine.session.is_on_standby
-    rested(bench)
+    on_standby(bench)
 
 
 def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pytest.LogCaptureFixture) -> None:
@@ -181,7 +181,7 @@ def test_a_fault_outlives_the_board_that_had_it_and_can_still_be_cleared() -> No
     assert bench.state is State.ACTIVE
 
 
-def test_a_fault_whose_cause_persists_stays_and_an_old_request_does_not_clear_a_later_one() -> None:
+def test_a_fault_with_its_cause_stays_and_an_old_request_clears_no_later_one() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.latch(6)
     bench.run(50)
@@ -201,7 +201,7 @@ def test_a_board_is_left_with_a_greeting_and_one_that_never_answered_with_nothin
     bench.driven()
     bench.machine.stop(bench.t_ns)
     assert bench.machine.disconnect(bench.t_ns)
-    zero, leave = bench.board.heard[-2:]
+    zero, leave = bench.board.received[-2:]
     assert (zero.name, zero.peak_um, leave.name) == ("reference", 0.0, "hello")
 
 
@@ -219,9 +219,9 @@ def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> N
 def test_while_reports_come_no_timer_is_needed() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.timer_runs = False
-    heard = bench.run(2000)
-    assert [each.name for each in heard].count("time") >= 3
-    lives = [each.t_ns for each in heard if each.name in ("reference", "keep-alive")]
+    received = bench.run(2000)
+    assert [each.name for each in received].count("time") >= 3
+    lives = [each.t_ns for each in received if each.name in ("reference", "keep-alive")]
     assert max(after - before for before, after in pairwise(lives)) <= 34 * MS  # of the 50 that the board waits
     bench.set_targets({1: 1.0}, ttl_s=0.1)
     bench.run(100 + 23)

@@ -9,7 +9,7 @@ import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machine_bench import SLIPPERY, STICKY, Bench, Heard, references
+from machine_bench import SLIPPERY, STICKY, Bench, Received, references
 
 from hapticd.daemon.client_gateway import MAX_MARKERS
 
@@ -65,8 +65,8 @@ def test_no_message_of_another_user_changes_what_a_held_finger_is_to_get(attacks
     assert [bench.machine.scene.owner_of(finger) for finger in (1, 2)] == ["study", "study"]
 
 
-def attacked(bench: Bench, amplitude_um: float) -> list[Heard]:
-    """What the board hears while virtual fingers of forty clients, of which 15 have room, cross the plate."""
+def attacked(bench: Bench, amplitude_um: float) -> list[Received]:
+    """What the board receives while virtual fingers of forty clients, of which 15 have room, cross the plate."""
     for n in range(40):
         path = {"name": f"v{n}", "path_mm": [[-60.0 + 3.0 * n, -60.0], [60.0, 60.0 - 3.0 * n]], "speed_mm_s": 2000.0}
         target = {"finger": f"v{n}", "amplitude_um": amplitude_um}
@@ -75,22 +75,22 @@ def attacked(bench: Bench, amplitude_um: float) -> list[Heard]:
     return references(bench.run(200))
 
 
-def test_the_most_that_a_crowd_of_slipping_fingers_gets_out_of_the_plate_is_its_limit() -> None:
+def test_a_crowd_of_slipping_fingers_gets_at_most_the_plate_s_limit() -> None:
     bench = held(is_running=True)
     limit_um = max(bench.machine.config.limits.w_limit_um)
     said = attacked(bench, limit_um)
     assert len(said) >= 10
-    assert 0.0 < max(heard.peak_um for heard in said) <= limit_um
+    assert 0.0 < max(received.peak_um for received in said) <= limit_um
     still = next(point for point in bench.machine.last_tick.points if point.key == 2)  # type: ignore[union-attr]
     assert still.achieved_um == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_crowd_of_still_fingers_can_silence_the_plate_and_no_more() -> None:
     bench = held(is_running=True)
-    assert [heard.peak_um for heard in attacked(bench, 0.0)][-1] == 0.0
+    assert [received.peak_um for received in attacked(bench, 0.0)][-1] == 0.0
 
 
-def test_a_marker_under_another_users_name_is_refused_and_one_under_a_free_name_takes_it() -> None:
+def test_a_marker_under_another_user_s_name_is_refused_and_a_free_name_is_taken() -> None:
     bench = held()
     refused = bench.ask("marker", by=ATTACKER, client="study", text="trial 7 begins")
     assert refused["error"] == "The client name 'study' is in use by uid 1000: choose another."

@@ -61,7 +61,7 @@ def version(bench: Bench) -> int:
     return int(msgpack.unpackb(sent[-1])["surfaces_version"])
 
 
-def test_a_reader_gets_all_surfaces_as_they_were_laid_with_their_owner_and_the_instant_of_their_pose() -> None:
+def test_a_reader_gets_all_surfaces_as_laid_with_owner_and_instant_of_pose() -> None:
     bench = Bench(SLIPPERY)
     publish(bench, {"name": "plate", "friction": 0.5}, client="other")
     grating = {"period_mm": 4.0, "high_um": 1.5}

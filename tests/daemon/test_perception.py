@@ -145,7 +145,7 @@ def test_an_ellipse_is_reported_with_its_axes_and_amplitudes_count_over_it() -> 
         assert said[0] < 0.95 * said[2] < 0.95 * said[3]
 
 
-def test_what_the_pad_reports_of_a_contact_is_told_of_fingers_with_and_without_a_target() -> None:
+def test_the_pad_s_report_of_a_contact_is_published_with_and_without_a_target() -> None:
     given = Given(1.0, None, 0.0)
     ellipse = {"pressure_frac": 0.4, "major_mm": 10.0, "minor_mm": 8.0}
     given.fingers = (*(finger._replace(**ellipse) for finger in given.fingers[:2]), given.fingers[2])
@@ -198,7 +198,7 @@ def test_a_pass_goes_on_and_is_reported_where_perception_fails(
     sent: list[bytes] = []
     bench.machine.watch(sent.append, bench.t_ns)
     monkeypatch.setattr(Perception, "_judged", lambda *_: 1 / 0)
-    heard = bench.run(100)
-    assert "reference" in [each.name for each in heard]
+    received = bench.run(100)
+    assert "reference" in [each.name for each in received]
     assert len(msgpack.unpackb(sent[-1])["fingers"]) == 2
     assert sum("what fingers perceive" in record.getMessage() for record in caplog.records) == 1

@@ -157,7 +157,7 @@ def test_a_plate_that_has_moved_is_driven_and_the_status_says_what_has(
     assert record.levelno == (logging.INFO if outcome == PASSED else logging.WARNING)
 
 
-def test_wires_that_the_loop_cannot_bear_keep_the_plate_quiet_until_a_test_finds_them_sound(
+def test_wires_unsafe_for_the_loop_keep_the_plate_quiet_until_a_test_passes(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     bench = Bench()
@@ -200,9 +200,9 @@ async def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path)
     assert line.test.result is not None
     assert line.test.result[0] == RUNNING
     opened = await asyncio.to_thread(gate.open, "w")  # only once the test reads: the port was free until now
-    assert line.terminal.heard() == b""
+    assert line.terminal.received() == b""
     opened.close()
-    await until(lambda: line.terminal.heard() == b"\0" + device.encode(HelloRequest()))
+    await until(lambda: line.terminal.received() == b"\0" + device.encode(HelloRequest()))
     assert line.test.result[0] == MOVED
     line.test._command = prints(document())
     line.daemon._on_board_link(False, "unplugged")

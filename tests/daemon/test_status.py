@@ -87,7 +87,7 @@ def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     assert len(msgpack.packb(said)) < 65536
 
 
-def test_how_late_the_timer_is_and_how_long_the_collector_held_all_is_in_status_and_in_each_state() -> None:
+def test_the_timer_s_lateness_and_the_collector_s_time_are_in_status_and_states() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     states = bench.published()
     bench.machine.status.loop.ticked(250_000, missed=3)

@@ -89,7 +89,7 @@ def test_sweeps_that_show_no_two_resonances_are_refused() -> None:
         fit_wiring([AmplifierSweep(k, F_HZ, np.zeros((41, 2), complex)) for k in range(2)])
 
 
-def test_eight_modes_are_told_apart_by_their_sensors_where_two_are_closer_than_a_twentieth_of_their_width() -> None:
+def test_eight_modes_are_told_apart_by_sensors_where_two_are_within_5_percent() -> None:
     """As on the wide plate, by the noise of its sweeps."""
     all_hz = 29205.0 + np.array([-90.0, -70.0, -50.0, 0.0, 17.2, 18.2, 60.0, 80.0])
     senses = np.eye(8) + 0.01 * (1.0 - np.eye(8))

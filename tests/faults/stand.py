@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from faulty_simulation import FaultySimulation, Way
+from faulty_simulation import FaultySimulation, LineFault
 
 from hapticd.sim.fingers.scenarios import SCENARIOS, Actor
 from hapticd.sim.lockstep import T_START_NS, Run
@@ -84,21 +84,21 @@ def worst(set_up: SetUp, lasts_s: float, *, after_s: float = 0.6, t_fault_s: flo
     return Aftermath(max(run.quiet_ms for run in runs), max(run.back_ms for run in runs), runs[-1].simulation)
 
 
-def cut(t_from_s: float, t_until_s: float) -> Way:
+def cut(t_from_s: float, t_until_s: float) -> LineFault:
     """Nothing passes in between."""
 
-    def way(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+    def fault(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
         return [] if t_from_s <= seconds(t_ns) < t_until_s else [(t_ns, data)]
 
-    return way
+    return fault
 
 
-def passing(way: Callable[[float, float], Way], *kinds: str) -> SetUp:
-    """Events of these kinds take the way that is made with the instants of the fault and of its end."""
+def passing(fault: Callable[[float, float], LineFault], *kinds: str) -> SetUp:
+    """Events of these kinds suffer the fault that is made of the instants of the fault and of its end."""
 
     def set_up(simulation: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
         for kind in kinds:
-            simulation.ways[kind] = way(t_fault_s, t_over_s)
+            simulation.line_faults[kind] = fault(t_fault_s, t_over_s)
 
     return set_up
 

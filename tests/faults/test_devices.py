@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from faulty_simulation import BOOT_S, FaultySimulation, Way
+from faulty_simulation import BOOT_S, FaultySimulation, LineFault
 from stand import HANDSHAKE_MS, RING_DOWN_MS, agrees, doing, lines, seconds, worst
 
 from hapticd import board_protocol as protocol
@@ -37,7 +37,7 @@ def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.L
     def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
         del t_over_s
         stand.at(t_fault_s, stand.reset_board)
-        stand.ways["host"] = as_another_firmware(t_fault_s)
+        stand.line_faults["host"] = as_another_firmware(t_fault_s)
 
     after = worst(set_up, 0.6, t_fault_s=4.5)
     assert after.quiet_ms <= RING_DOWN_MS
@@ -48,11 +48,11 @@ def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.L
     agrees("board of another firmware", after)
 
 
-def as_another_firmware(t_from_s: float) -> Way:
+def as_another_firmware(t_from_s: float) -> LineFault:
     """From then on hellos say another version of the protocol."""
     splitter = FrameSplitter(1000)
 
-    def way(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+    def fault(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
         if seconds(t_ns) < t_from_s:
             return [(t_ns, data)]
         said = b""
@@ -64,4 +64,4 @@ def as_another_firmware(t_from_s: float) -> Way:
             said += encode_frame(message)
         return [(t_ns, said)]
 
-    return way
+    return fault

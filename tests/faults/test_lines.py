@@ -19,13 +19,13 @@ def through(**shares: float) -> Aftermath:
 
     def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
         faults = LineFaults(**shares, from_ns=nanoseconds(t_fault_s), until_ns=nanoseconds(t_over_s))  # type: ignore[arg-type]
-        stand.ways["board"], stand.ways["host"] = Line(faults, 3), Line(faults, 5)
+        stand.line_faults["board"], stand.line_faults["host"] = Line(faults, 3), Line(faults, 5)
 
     return simulate(set_up, FROM_S, UNTIL_S, 1.0)
 
 
-def counters(after: Aftermath, way: str) -> Counter[str]:
-    line = after.simulation.ways[way]
+def counters(after: Aftermath, direction: str) -> Counter[str]:
+    line = after.simulation.line_faults[direction]
     assert isinstance(line, Line)
     return line.counters
 

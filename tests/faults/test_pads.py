@@ -34,12 +34,12 @@ STAMP_AT = 9  # of a Magic Trackpad 2 over USB: 8 bytes, the report's type, then
 def with_stamps(stand: FaultySimulation, stamp_ms: Callable[[int, float], int]) -> None:
     """The pad says another time: a function of the one it meant and of the instant of the run."""
 
-    def way(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+    def fault(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
         word = int.from_bytes(data[STAMP_AT : STAMP_AT + 3], "little")
         said = stamp_ms(word >> 3, seconds(t_ns)) % STAMP_WRAP_MS
         return [(t_ns, data[:STAMP_AT] + (said << 3 | word & 7).to_bytes(3, "little") + data[STAMP_AT + 3 :])]
 
-    stand.ways["report"] = way
+    stand.line_faults["report"] = fault
 
 
 def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogCaptureFixture) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import pytest
-from faulty_simulation import FaultySimulation, Way
+from faulty_simulation import FaultySimulation, LineFault
 from stand import (
     HANDSHAKE_MS,
     LED_DOWN_MS,
@@ -47,17 +47,17 @@ class Fault(NamedTuple):
     journal: tuple[str, ...] | None = None
 
 
-def half_a_frame_and_no_more(t_from_s: float, t_until_s: float) -> Way:
+def half_a_frame_and_no_more(t_from_s: float, t_until_s: float) -> LineFault:
     is_cut = False
 
-    def way(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+    def fault(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
         nonlocal is_cut
         if not t_from_s <= seconds(t_ns) < t_until_s:
             return [(t_ns, data)]
         was_cut, is_cut = is_cut, True
         return [] if was_cut else [(t_ns, data[: len(data) // 2])]
 
-    return way
+    return fault
 
 
 FAULTS = (

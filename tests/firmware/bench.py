@@ -89,7 +89,7 @@ class Bench:
         assert answer.request == request[0]
         return answer.verdict
 
-    def heard(self, kind: type[Kind]) -> list[Kind]:
+    def received(self, kind: type[Kind]) -> list[Kind]:
         """The messages of this kind so far."""
         return of_kind(kind, self.messages)
 

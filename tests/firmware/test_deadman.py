@@ -128,7 +128,7 @@ def test_three_trips_latch_within_ten_seconds_if_asked_to(
     for _ in range(3):
         bench.arm(1 + 0j, 0j)
         bench.run(ticks)
-    last = bench.heard(BoardStatus)[-1]
+    last = bench.received(BoardStatus)[-1]
     assert (last.state, last.deadman_trips, last.fault_code) == (state, 3, fault)
 
 
@@ -151,7 +151,7 @@ def test_a_measurement_that_makes_no_sense_is_silence_in_time(
     trace = bench.hold(within_ticks + 40)
     assert (trace.voltage_v[within_ticks:] == 0).all()
     assert (np.abs(trace.voltage_v[: within_ticks - 1, 0]) > 0).any() or within_ticks == 0
-    last = bench.heard(BoardStatus)[-1]
+    last = bench.received(BoardStatus)[-1]
     assert (last.state, last.fault_code) == (BoardState.FAULT, fault)
 
 

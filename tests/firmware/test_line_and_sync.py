@@ -63,7 +63,7 @@ def test_the_sync_output_is_high_for_5_ms_from_when_the_reference_takes_effect(b
     trace = bench.run(40)
     assert rises(trace.flags) == [0]
     assert np.count_nonzero(trace.flags & FLAG_SYNC) * TICK_US == 5000
-    applied = [status for status in bench.heard(BoardStatus) if status.applied]
+    applied = [status for status in bench.received(BoardStatus) if status.applied]
     assert [m.pulsed for m in applied] == [True]
     assert applied[0].seq == bench.seq
 

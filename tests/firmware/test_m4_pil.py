@@ -150,7 +150,7 @@ def test_chunks_interrupt_a_tick_at_any_instruction_and_the_plate_goes_on_as_ask
 
 
 def test_samples_lost_amid_a_tick_void_it() -> None:
-    """The outputs are silent at once; the core hears of it when the tick it was in is over."""
+    """The outputs are silent at once; the core learns of it when the tick it was in is over."""
     bench = Bench(G474)
     bench.arm(2.0)
     while not bench.registers.tick_pending:

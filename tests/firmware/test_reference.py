@@ -135,7 +135,7 @@ def test_each_reference_is_acknowledged_once_when_it_takes_effect(pi_bench: Benc
     pi_bench.say(pi_bench.polyline((0, (1 + 0j, 0j)), t_apply_us=t0 + 3_200), at_us=t0 + 100)
     pi_bench.say(pi_bench.polyline((0, (2 + 0j, 0j)), t_apply_us=t0 + 9_000), at_us=t0 + 150)
     pi_bench.run(30)
-    acks = pi_bench.heard(BoardStatus)
+    acks = pi_bench.received(BoardStatus)
     assert [(a.seq, a.applied, a.t_received_us - t0, a.t_applied_us - t0) for a in acks] == [
         (first, True, 100, 3_500),
         (second, True, 150, 9_000),

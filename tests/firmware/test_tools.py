@@ -49,7 +49,7 @@ def test_a_sweep_drives_one_amplifier_ramps_in_and_out_and_reports_each_frequenc
     assert steps_v.max() <= protocol.RAW_LIMIT_FRAC * 150 / RAMP_TICKS * 1.0001
     assert voltage_v[-1, 0] == 0
     assert bench.status().state is BoardState.QUIET
-    found = bench.heard(SweepPoint)
+    found = bench.received(SweepPoint)
     assert [(point.index, point.points, point.mode) for point in found] == [(i, 11, 0) for i in range(11)]
     np.testing.assert_allclose([point.frequency_hz for point in found], np.linspace(29150, 29250, 11), atol=0.005)
     assert {point.voltage_v for point in found} == {15.0}
@@ -62,7 +62,7 @@ def test_a_point_is_the_mean_over_the_second_half_of_its_dwell(bench: Bench) -> 
     for i in range(10):
         fake_measurement(bench.board, np.array([0.1 * i + 0j, -0.1j * i]))
         bench.run(1)
-    (point,) = bench.heard(SweepPoint)
+    (point,) = bench.received(SweepPoint)
     np.testing.assert_allclose(point.measured_um, [0.7, -0.7j], rtol=1e-6)  # of ticks 5 to 9
 
 
@@ -183,7 +183,7 @@ def test_telemetry_comes_at_the_highest_divisor_of_the_control_rate_within_the_a
 ) -> None:
     assert bench.verdict(SetTelemetry(asked_hz)) is CommandResult.DONE
     bench.run(2 * ticks)
-    assert [sample.t_board_us for sample in bench.heard(TelemetrySample)] == [500 * ticks, 1000 * ticks]
+    assert [sample.t_board_us for sample in bench.received(TelemetrySample)] == [500 * ticks, 1000 * ticks]
 
 
 def test_a_line_too_slow_for_telemetry_loses_the_oldest_samples_and_counts_them(bench: Bench) -> None:
@@ -191,9 +191,9 @@ def test_a_line_too_slow_for_telemetry_loses_the_oldest_samples_and_counts_them(
     untouched(bench.board, 100)
     while bench.listen():
         pass
-    heard = bench.heard(TelemetrySample)
-    assert [sample.t_board_us for sample in heard] == [500 * tick for tick in range(85, 101)]
-    assert {sample.dropped for sample in heard} == {84}
+    received = bench.received(TelemetrySample)
+    assert [sample.t_board_us for sample in received] == [500 * tick for tick in range(85, 101)]
+    assert {sample.dropped for sample in received} == {84}
 
 
 def test_the_log_keeps_the_last_eight_events_and_counts_all(bench: Bench) -> None:

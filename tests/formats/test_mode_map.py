@@ -277,7 +277,7 @@ def test_arrays_that_are_no_scan_are_refused(tmp_path: Path, arrays: dict[str, n
 
 AXIS_MM = np.linspace(-60.0, 60.0, 9)
 SLOPES = np.stack(np.meshgrid(AXIS_MM, AXIS_MM)) / 60.0
-NOTHING = np.stack([SLOPES[0], np.zeros((9, 9))])
+ZERO_MODE = np.stack([SLOPES[0], np.zeros((9, 9))])
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ NOTHING = np.stack([SLOPES[0], np.zeros((9, 9))])
         (AXIS_MM * 1e-3, AXIS_MM, SLOPES, "x_mm runs from -0.06 to 0.06 on a plate of 137.5 mm; give positions in mm"),
         (AXIS_MM, AXIS_MM + 60.0, SLOPES, "y_mm runs from 0 to 120 on a plate of 137.5 mm"),
         (AXIS_MM - 15.0, AXIS_MM, SLOPES, "x_mm runs from -75 to 45"),
-        (AXIS_MM, AXIS_MM, NOTHING, "mode 2 is zero everywhere"),
+        (AXIS_MM, AXIS_MM, ZERO_MODE, "mode 2 is zero everywhere"),
         (AXIS_MM, AXIS_MM, np.stack([*SLOPES, -3.0 * SLOPES[0]]), "modes 1 and 3 have the same shape"),
     ],
 )

@@ -31,7 +31,7 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 class Port:
     """The outsider's board in place of `machine_bench.FakeBoard`."""
 
-    plugged, heard = True, ()
+    plugged, received = True, ()
 
     def __init__(self, bench: Stand, _protocol_hash: int) -> None:
         self.bench = bench

@@ -23,7 +23,7 @@ def strokes(config: Config) -> Run:
     return run("strokes", settings=settings, seed=1, seconds=1.5)
 
 
-def test_discs_of_6_mm_that_the_pad_reports_are_driven_as_if_that_radius_were_known_not_as_those_of_5_mm() -> None:
+def test_reported_discs_of_6_mm_are_driven_as_a_known_radius_not_as_5_mm() -> None:
     known = strokes(Config(solver=replace(SolverConfig(), contact_radius_mm=RADIUS_MM)))
     believed, reported = strokes(Config()), strokes(calibrated(Config()))
     off_um, believed_off_um = (rms(np.subtract(one.reference_um, known.reference_um)) for one in (reported, believed))

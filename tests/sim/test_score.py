@@ -103,7 +103,7 @@ def test_an_amplitude_asks_for_what_it_gives_this_person_and_a_friction_for_itse
     assert fits.fingers[1].error_95_jnd == pytest.approx(0.0, abs=1e-9)
 
 
-def test_time_counts_as_felt_where_every_finger_is_within_the_weber_fraction_of_what_was_asked() -> None:
+def test_time_counts_as_felt_where_every_finger_is_within_the_weber_fraction() -> None:
     # 0.05 um is 7 % less friction, 0.1 um is 13 %: felt; 1 um asked and 0.95 um given is 7 % more
     moving_um = np.where(T_S < 0.4, 0.05, np.where(T_S < 0.7, 0.1, 0.95))
 
@@ -115,7 +115,7 @@ def test_time_counts_as_felt_where_every_finger_is_within_the_weber_fraction_of_
     assert math.isnan(perceived(constant(np.nan), moving_um).felt_frac)
 
 
-def test_a_finger_s_error_is_in_just_noticeable_differences_and_has_a_median_and_a_tail() -> None:
+def test_a_finger_s_error_is_in_jnd_and_has_a_median_and_a_tail() -> None:
     moving_um = np.where(T_S < 0.8, 0.05, 0.1)
 
     (finger,) = perceived(constant(0.0), moving_um).fingers

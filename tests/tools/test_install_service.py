@@ -41,9 +41,7 @@ def test_a_configuration_that_is_there_is_left_alone_and_the_rest_renewed(tmp_pa
 
 
 @pytest.mark.parametrize("place", HIDDEN_BY_UNIT)
-def test_a_program_that_the_service_could_not_see_is_refused_before_anything_is_written(
-    place: str, tmp_path: Path
-) -> None:
+def test_a_program_out_of_the_service_s_sight_is_refused_before_any_write(place: str, tmp_path: Path) -> None:
     with pytest.raises(HapticdError, match="is hidden from the service"):
         install(service_files(SYSTEMD, Path(f"{place}/venv/bin/hapticd")), tmp_path)
     assert list(tmp_path.iterdir()) == []

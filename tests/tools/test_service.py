@@ -178,7 +178,7 @@ def test_a_simulated_plate_is_checked_without_building_it(
 
 
 @asynchronous
-async def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_leaves_them_the_old(
+async def test_sighup_moves_clients_to_the_new_configuration_and_a_bad_one_keeps_the_old(
     config_loader: ConfigLoader,
     configuration: Config,
     manager: socket.socket,
@@ -216,11 +216,11 @@ async def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_o
     await asyncio.wait_for(serving, PATIENCE_S)
     notifier.close()
     ready = f"READY=1\nSTATUS=serving clients in {runtime_dir}".encode()
-    heard = []
+    received = []
     with contextlib.suppress(BlockingIOError):
         while True:
-            heard.append(manager.recv(200))
-    assert [message for message in heard if message != b"WATCHDOG=1"] == [ready, ready, b"STOPPING=1"]
+            received.append(manager.recv(200))
+    assert [message for message in received if message != b"WATCHDOG=1"] == [ready, ready, b"STOPPING=1"]
     assert read == []
     assert sorted(os.listdir(runtime_dir)) == ["lock"]
 

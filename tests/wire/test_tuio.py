@@ -15,7 +15,7 @@ MS = 1_000_000
 PAD = tuio.surface(400.0, 200.0)
 
 
-def heard(decoder: Decoder, *datagrams: bytes, t_ns: int = 0, period_ms: int = 10) -> list[TouchFrame]:
+def received(decoder: Decoder, *datagrams: bytes, t_ns: int = 0, period_ms: int = 10) -> list[TouchFrame]:
     return [
         frame for index, data in enumerate(datagrams) for frame in decoder.decode(data, t_ns + index * period_ms * MS)
     ]
@@ -30,7 +30,7 @@ def test_contacts_are_where_they_are_on_the_surface_until_they_are_no_longer_ali
     def said(frame: int, where: dict[int, tuple[float, float]]) -> bytes:
         return tuio1(frame, where) if version == 1 else tuio2(frame, frame * 10 * MS, where)
 
-    both, one, none = heard(
+    both, one, none = received(
         Decoder(PAD), said(1, {7: (0.5, 0.5), 8: (0.75, 0.25)}), said(2, {8: (0.75, 0.0)}), said(3, {})
     )
     assert places(both) == {7: (0.0, 0.0), 8: (100.0, 50.0)}
@@ -56,29 +56,29 @@ def test_a_tuio_2_pointer_without_its_pressure_is_no_contact() -> None:
         message("/tuio2/ptr", 1, 0, 0, 0.5, 0.5, 0.0, 0.0, 0.01),
         message("/tuio2/alv", 1),
     )
-    assert heard(Decoder(PAD), short)[0].contacts == ()
+    assert received(Decoder(PAD), short)[0].contacts == ()
 
 
 def test_late_and_repeated_frames_are_refused_a_restarted_tracker_is_not() -> None:
     decoder = Decoder(PAD)
     numbers = [500, 501, 501, 499, 502, 1, -1]
-    assert len(heard(decoder, *[tuio1(number, {1: (0.5, 0.5)}) for number in numbers])) == 5
+    assert len(received(decoder, *[tuio1(number, {1: (0.5, 0.5)}) for number in numbers])) == 5
     assert decoder.counters["duplicate_id"] == 2
 
 
 def test_another_source_is_heard_only_after_the_first_has_been_silent() -> None:
     decoder = Decoder(PAD)
     mine, other = tuio1(1, {1: (0.5, 0.5)}), tuio1(9, {2: (0.1, 0.1)}, source="other")
-    assert len(heard(decoder, mine, other)) == 1
+    assert len(received(decoder, mine, other)) == 1
     assert decoder.counters["foreign"] == 1
-    assert [places(frame).keys() for frame in heard(decoder, other, t_ns=tuio.SILENT_NS)] == [{2}]
+    assert [places(frame).keys() for frame in received(decoder, other, t_ns=tuio.SILENT_NS)] == [{2}]
 
 
 def test_more_than_sixteen_contacts_are_sixteen_and_places_far_away_are_none() -> None:
-    (frame,) = heard(Decoder(PAD), tuio1(1, {number: (0.01 * number, 0.5) for number in range(30)}))
+    (frame,) = received(Decoder(PAD), tuio1(1, {number: (0.01 * number, 0.5) for number in range(30)}))
     assert len(frame.contacts) == tuio.MAX_CONTACTS
     bad = {1: (math.nan, 0.5), 2: (0.5, math.inf), 3: (9.0, 0.5), 4: (0.5, 0.5)}
-    assert list(places(heard(Decoder(PAD), tuio1(1, bad))[0])) == [4]
+    assert list(places(received(Decoder(PAD), tuio1(1, bad))[0])) == [4]
     many = [
         bundle(
             *[message("/tuio/2Dcur", "set", k, 0.5, 0.5) for k in range(100)],
@@ -86,15 +86,15 @@ def test_more_than_sixteen_contacts_are_sixteen_and_places_far_away_are_none() -
             message("/tuio/2Dcur", "fseq", 1),
         )
     ]
-    assert list(places(heard(Decoder(PAD), *many)[0])) == [31]
+    assert list(places(received(Decoder(PAD), *many)[0])) == [31]
 
 
 def test_a_reset_forgets_the_contacts() -> None:
     decoder = Decoder(PAD, AffineMap(0.0, -1.0, 1.0, 0.0))
-    heard(decoder, tuio1(5, {1: (0.75, 0.5)}))
-    assert places(heard(decoder, bundle())[0]) == {1: (0.0, 100.0)}
+    received(decoder, tuio1(5, {1: (0.75, 0.5)}))
+    assert places(received(decoder, bundle())[0]) == {1: (0.0, 100.0)}
     decoder.reset()
-    assert heard(decoder, bundle())[0].contacts == ()
+    assert received(decoder, bundle())[0].contacts == ()
     assert decoder.counters["clock_steps"] == 0
 
 
@@ -204,7 +204,7 @@ def bounds(*, tokens: tuple[int, ...] = ()) -> bytes:
     ],
 )
 def test_frames_of_each_kind_of_sender_have_their_contacts(datagrams: list[bytes], frames: int) -> None:
-    found = heard(Decoder(PAD), *datagrams, period_ms=1)
+    found = received(Decoder(PAD), *datagrams, period_ms=1)
     assert len(found) == frames
     assert places(found[-1]) == PLACED
     assert all(one.touching for one in found[-1].contacts)
@@ -212,7 +212,7 @@ def test_frames_of_each_kind_of_sender_have_their_contacts(datagrams: list[bytes
 
 def test_sixty_four_bit_ids_stay_apart() -> None:
     ids = ((1 << 62) + 5, (1 << 62) + 6, -(1 << 63))
-    (frame,) = heard(
+    (frame,) = received(
         Decoder(PAD),
         bundle(
             message(CUR, "alive", *ids, kinds="shhh"),
@@ -225,7 +225,7 @@ def test_sixty_four_bit_ids_stay_apart() -> None:
 
 
 def test_datagrams_of_one_number_are_one_frame_with_one_instant() -> None:
-    first, rest, second, third = heard(Decoder(PAD), *split(1), *split(2), *split(3), period_ms=1)
+    first, rest, second, third = received(Decoder(PAD), *split(1), *split(2), *split(3), period_ms=1)
     assert [places(one) for one in (first, rest, second, third)] == [{7: (0.0, 0.0)}, PLACED, PLACED, PLACED]
     assert (first.t_ns, rest.t_ns, second.t_ns, third.t_ns) == (0, 0, 2 * MS, 4 * MS)
 
@@ -233,7 +233,7 @@ def test_datagrams_of_one_number_are_one_frame_with_one_instant() -> None:
 @pytest.mark.parametrize("height", [0.5, math.nan])
 def test_a_cursor_above_the_surface_does_not_touch_it(height: float) -> None:
     decoder = Decoder(PAD)
-    (frame,) = heard(decoder, profile("/tuio/25Dcur", height))
+    (frame,) = received(decoder, profile("/tuio/25Dcur", height))
     assert not any(one.touching for one in frame.contacts)
     assert decoder.counters["hovering"] == 2
 
@@ -249,31 +249,31 @@ def test_a_cursor_above_the_surface_does_not_touch_it(height: float) -> None:
 )
 def test_what_cannot_be_taken_is_counted_and_is_no_contact(datagrams: list[bytes], counted: str) -> None:
     decoder = Decoder(PAD)
-    assert not any(frame.contacts for frame in heard(decoder, *datagrams))
+    assert not any(frame.contacts for frame in received(decoder, *datagrams))
     assert decoder.counters[counted] > 0
 
 
 def test_a_clock_of_the_tracker_that_stands_still_is_not_used() -> None:
     t_ns = 3_900_000_000 * 1_000_000_000
-    frames = heard(Decoder(PAD), *[tuio2(number, t_ns, {1: (0.1 * number, 0.5)}) for number in (1, 2, 3)])
+    frames = received(Decoder(PAD), *[tuio2(number, t_ns, {1: (0.1 * number, 0.5)}) for number in (1, 2, 3)])
     assert [frame.t_ns for frame in frames] == [0, 10 * MS, 20 * MS]
 
 
 def test_another_source_is_refused_before_its_messages_are_decoded() -> None:
     decoder = Decoder(PAD)
-    heard(decoder, tuio1(1, SHARES))
+    received(decoder, tuio1(1, SHARES))
     torn = message(CUR, "set", 1, 0.5, 0.5, 0.0, 0.0, 0.0)[:-8]
     for source, reason in (("other", "foreign"), ("tracker", "length")):
         before = decoder.counters[reason]
-        assert heard(decoder, bundle(torn, message(CUR, "source", source), message(CUR, "fseq", 2))) == []
+        assert received(decoder, bundle(torn, message(CUR, "source", source), message(CUR, "fseq", 2))) == []
         assert decoder.counters[reason] == before + 1
 
 
 def test_what_no_tracker_sends_is_left_out_and_bounded() -> None:
     long = [0.5] * 200
     frames = [
-        *heard(Decoder(PAD), bundle(*alone(1)[:2], message(CUR, "set", 7, *long), message(CUR, "fseq", 1))),
-        *heard(Decoder(PAD), bundle(message("/tuio2/frm", 1, 0), message("/tuio2/ptr", 7, *long))),
+        *received(Decoder(PAD), bundle(*alone(1)[:2], message(CUR, "set", 7, *long), message(CUR, "fseq", 1))),
+        *received(Decoder(PAD), bundle(message("/tuio2/frm", 1, 0), message("/tuio2/ptr", 7, *long))),
     ]
     assert [frame.contacts for frame in frames] == [()] * len(frames)
     decoder, tokens = Decoder(PAD), 0
@@ -281,7 +281,7 @@ def test_what_no_tracker_sends_is_left_out_and_bounded() -> None:
         numbers = range(40 * frame, 40 * (frame + 1))
         tokens += len(numbers)
         sent = [message("/tuio2/tok", number, 0, 0, 0.5, 0.5, 0.0) for number in numbers]
-        heard(decoder, bundle(message("/tuio2/frm", frame, 0), *sent))
+        received(decoder, bundle(message("/tuio2/frm", frame, 0), *sent))
     assert decoder.counters["other_profiles"] == tokens
     many = [
         bundle(
@@ -289,4 +289,4 @@ def test_what_no_tracker_sends_is_left_out_and_bounded() -> None:
         )
         for part in range(4 * osc.MAX_MESSAGES // 60)
     ]
-    assert all(len(frame.contacts) <= 256 for frame in heard(Decoder(PAD), *many, period_ms=0))
+    assert all(len(frame.contacts) <= 256 for frame in received(Decoder(PAD), *many, period_ms=0))

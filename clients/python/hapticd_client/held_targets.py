@@ -14,7 +14,7 @@ from .targets import Asset, Map
 
 
 class HeldTargets:
-    """What a client asks for. It has no reference to the Client, so that one can be collected."""
+    """Targets that a client holds. It has no reference to the Client, so that one can be collected."""
 
     def __init__(self, link: Connection) -> None:
         self.targets = TargetSet()

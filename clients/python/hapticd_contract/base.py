@@ -31,7 +31,7 @@ Key = FingerId | Name  # a finger on the plate, or a virtual one
 
 
 class Contract(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What a client sends: unknown fields are refused, and fields at their default are not sent."""
+    """Message of a client: unknown fields are refused, and fields at their default are not sent."""
 
     def problem(self) -> str:
         """Return what is wrong between fields whose own bounds hold, empty for nothing: the place behind this one's,

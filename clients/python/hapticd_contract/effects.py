@@ -37,7 +37,7 @@ class Pulse(Contract, frozen=True):
 
     @property
     def ramp_s(self) -> float:
-        """How long it rises."""
+        """Duration of the rise."""
         return min(DEFAULT_RISE_S, 0.5 * self.length_s) if self.rise_s is None else self.rise_s
 
     def problem(self) -> str:
@@ -205,7 +205,7 @@ class Effect(Contract, frozen=True, kw_only=True):
 
     @property
     def on(self) -> int | str | None:
-        """Where it is: a finger's id, the name of a surface, or None for the whole plate."""
+        """Its place: a finger's id, the name of a surface, or None for the whole plate."""
         return self.surface if self.finger is None else self.finger
 
     @property

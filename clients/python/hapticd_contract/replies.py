@@ -29,7 +29,7 @@ OPTIONAL = (
 
 
 class Capabilities(Struct, frozen=True):
-    """What the daemon knows, and its bounds."""
+    """Everything a client may set, and its bounds."""
 
     protocol: int = PROTOCOL_VERSION
     ops: tuple[str, ...] = OPS

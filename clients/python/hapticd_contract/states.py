@@ -93,7 +93,7 @@ class Marker(Struct, frozen=True, omit_defaults=True):
 
 
 class EventKind(StrEnum):
-    """What happened to a finger or an effect."""
+    """Kind of an event of a finger or an effect."""
 
     LANDED = "landed"
     LIFTED = "lifted"
@@ -107,7 +107,7 @@ class EventKind(StrEnum):
 
 
 class PlateEvent(Struct, frozen=True, omit_defaults=True):
-    """What happened to a finger or an effect; what it does not have is omitted."""
+    """Event of a finger or an effect; what it does not have is omitted."""
 
     seq: int
     """number of the event: a gap is a lost one"""

@@ -1,4 +1,4 @@
-"""What a WebSocket of `hapticd gateway` takes beside the messages of the sockets `targets` and `control`."""
+"""Messages that a WebSocket of `hapticd gateway` takes beside the messages of the sockets `targets` and `control`."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Session:
 
     @property
     def simulated(self) -> str:
-        """What was simulated: "plate", or "" for nothing."""
+        """Simulated part: "plate", or "" for nothing."""
         return str(self.about.get("simulated", ""))
 
     @property

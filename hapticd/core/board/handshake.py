@@ -1,4 +1,4 @@
-"""What a session begins with: the settings that the board takes one by one, and the speed of its line."""
+"""Handshake of a session: the settings that the board takes one by one, and the speed of its line."""
 
 from __future__ import annotations
 

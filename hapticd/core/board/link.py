@@ -190,7 +190,7 @@ def _mean(values: Sequence[float], weights: Sequence[float]) -> float:
 
 
 class LinkLatency:
-    """How long a frame takes from the beginning of its pass to the board's receipt: the 90 % quantile of the last 64.
+    """Latency of a frame from the beginning of its pass to the board's receipt: the 90 % quantile of the last 64.
 
     Computing is in it as well as the link: it is their part of the horizon, so frames should rarely come later.
     `start_ns` holds until eight frames were measured.

@@ -4,8 +4,8 @@ Messages and instants in, commands out. A hello is requested when the link comes
 silent or reboots. References are sent only once the hello was accepted, the clock is known, the board has taken the
 settings of its controller and its modes, one by one, and it sends its status.
 
-While nothing is driven the session may `rest`: after a last hello request the board is quiet and needs no keep-alives.
-It keeps clock, controller and models, so `wake` takes one write and no answer.
+While nothing is driven the session may go to `standby`: after a last hello request the board is quiet and needs no
+keep-alives. It keeps clock, controller and models, so `wake` takes one write and no answer.
 
 A board that does not answer is sent no more than the send window allows, and nothing once its status is overdue. Of the
 references held back only the newest is kept, and is sent when the board answers again.
@@ -151,8 +151,8 @@ class BoardSession:
 
     @property
     def can_wait(self) -> bool:
-        """Whether what the board sends may be read just before the next pass or timer: it rests or follows references,
-        and no answer is awaited."""
+        """Whether what the board sends may be read just before the next pass or timer: it is on standby or follows
+        references, and no answer is awaited."""
         if self.is_on_standby or self.status is None:
             return self.is_on_standby and not self.clock.is_asked
         is_followed = self.status.state is BoardState.LIVE and self._held is None and self.setting is None
@@ -341,24 +341,24 @@ class BoardSession:
         return [Keepalive(self._seq)]
 
     def standby(self, t_now_ns: int) -> list[BoardCommand]:
-        """Let a board that `follows` a zero frame rest: it answers, and is quiet without a dead-man trip."""
+        """Put a board that `follows` a zero frame on standby: it answers, and is quiet without a dead-man trip."""
         self._is_leaving = True
         self._keeping_alive.restart(t_now_ns)
         return [HelloRequest()]
 
     def wake(self, t_now_ns: int) -> list[BoardCommand]:
-        """Arm a resting board at once: it follows what comes next, ramping in over 10 ms."""
+        """Arm a board on standby at once: it follows what comes next, ramping in over 10 ms."""
         if not self.is_on_standby or self.hello is None:
             return []
         self.is_on_standby = False
-        self._t_status_ns = t_now_ns  # while the host rests, what the board sends waits in the port
+        self._t_status_ns = t_now_ns  # on standby what the board sends waits in the port
         zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
         frames = [command for _ in range(protocol.REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
         return [*frames, *self._settings.telemetry]  # which the hello request has stopped
 
     @property
     def _patience_ns(self) -> int:
-        """How long the board may take to acknowledge a reference."""
+        """Longest time that the board may take to acknowledge a reference."""
         return 2 * self.latency.link_ns + OVERDUE_NS
 
     def _is_mute(self, t_now_ns: int) -> bool:

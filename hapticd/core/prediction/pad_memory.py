@@ -1,4 +1,4 @@
-"""What is learned of a pad while it is touched: how to correct the bank, and how far off the result is.
+"""Statistics of a pad, learned while it is touched: corrections of the bank, and the error of the result.
 
 No model of the pad's noise is assumed. Each prediction is compared with what the pad reports once its horizon has
 passed. Five corrections are weighted so that the sum of squared errors is least; they are
@@ -166,7 +166,7 @@ class Spread:
 
 
 class PadMemory:
-    """What is learned of one pad, shared by the predictors of all its touches."""
+    """Statistics of one pad, shared by the predictors of all its touches."""
 
     def __init__(self, near: MotionVector | None = None, far: MotionVector | None = None) -> None:
         """`near` and `far`: weights kept of this pad, at the two horizons."""

@@ -86,7 +86,7 @@ INLINE void move_points(problem_t *p, const Py_ssize_t modes)
 static void feel(problem_t *p)
 {
     for (Py_ssize_t finger = 0, place = 0; finger < p->fingers; finger++) {
-        const double share = 1.0 / p->gains[finger], wanted = p->frictions[finger];
+        const double share = 1.0 / p->gains[finger], target = p->frictions[finger];
         double got = 0.0, mean_um = 0.0;
         for (Py_ssize_t index = 0; index < p->points; index++, place++) {
             const double at_um = p->rms_um[place] * share;
@@ -100,7 +100,7 @@ static void feel(problem_t *p)
             mean_um += p->weights[index] * p->rms_um[place];
         }
         p->got[finger] = got, p->mean_um[finger] = mean_um;
-        p->errors[finger] = (got - wanted) / (WEBER_FRAC * wanted);
+        p->errors[finger] = (got - target) / (WEBER_FRAC * target);
     }
 }
 
@@ -128,11 +128,11 @@ static void majorise(problem_t *p, Py_ssize_t finger)
     const double *restrict rate_1_um = p->rate_1_um + first, *restrict weights = p->weights;
     const double *restrict w_d_um = p->w_d_um + first, *restrict w_q_um = p->w_q_um + first;
     double *restrict kappa = p->kappa + first, *restrict pulled = p->pulled + first;
-    const double wanted = p->frictions[finger], got = p->got[finger];
-    const double alpha = exp(p->log_weights[finger]) / (WEBER_FRAC * wanted);
+    const double target = p->frictions[finger], got = p->got[finger];
+    const double alpha = exp(p->log_weights[finger]) / (WEBER_FRAC * target);
     const double to_zero = alpha * p->stickiness[finger], along = alpha * (1.0 - p->stickiness[finger]);
     const double even = EVEN_FRAC / (1.0 + p->errors[finger] * p->errors[finger]), mean_um = p->mean_um[finger];
-    const double outwards = fmax(fmin((got - wanted) / got, 1.0), -MOST_LESS);
+    const double outwards = fmax(fmin((got - target) / got, 1.0), -MOST_LESS);
     const Py_ssize_t stuck = to_zero > 0.0 ? points : 0, pulling = along > 0.0 ? points : 0;
     for (Py_ssize_t index = 0; index < points; index++)
         kappa[index] = pulled[index] = 0.0;

@@ -275,15 +275,15 @@ def hold_still(
     size = abs(gain)
     if not NOISE * (abs(first) + abs(second)) < size < math.inf:
         return (0.0, 0.0), 1.0 + 0j, False
-    wanted = target / size
-    t = wanted if wanted <= top else top
+    requested = target / size
+    t = requested if requested <= top else top
     lean, behind = (previous[0].real * ux + previous[1].real * uy), (previous[0].imag * ux + previous[1].imag * uy)
     phase, ahead = 1.0 + 0j, math.hypot(lean, behind)
     if behind != 0.0 and 0.0 < ahead < SAFE:
         phase = complex(lean / ahead, behind / ahead)
     elif lean < 0.0 or (lean == 0.0 and gain < 0.0):
         t = -t
-    return (clamped(t * ux, limit_x), clamped(t * uy, limit_y)), phase, not wanted <= top
+    return (clamped(t * ux, limit_x), clamped(t * uy, limit_y)), phase, not requested <= top
 
 
 def turned(modal: Pair, phase: complex, limits: Pair) -> tuple[complex, complex]:

@@ -95,15 +95,15 @@ def _solved_points(
     unit = max(float(np.max(np.minimum(targets[slips] / size / top, reach))), sys.float_info.min)
     asked = np.minimum(targets / size / top / unit, SAFE)
     most = 1.0 if slips.sum() == 1 else MOST_REACH
-    wanted = np.where(slips, np.clip(asked, 1.0 / SAFE, most), 0.0)  # where it underflows
+    requested = np.where(slips, np.clip(asked, 1.0 / SAFE, most), 0.0)  # where it underflows
     box = np.clip(limits / top / unit, 1.0 / FAR, FAR)
     near = np.clip(near / top, -unit * FAR, unit * FAR) / unit
-    fingers = array("d", [*wanted, *[1.0] * (7 * len(wanted))])
-    starts = _starts(rows, wanted, near)
+    fingers = array("d", [*requested, *[1.0] * (7 * len(requested))])
+    starts = _starts(rows, requested, near)
     settled = [_descended(rows[:, None], fingers, box, start, OF_POINTS) for start in starts]
     found = np.nan_to_num(settled)  # where the curvature of tiny shapes underflows
-    errors = np.sum((np.abs(found @ rows.T) - wanted) ** 2, axis=1)
-    best = found[errors <= errors.min() + EQUAL_ERROR * wanted @ wanted]
+    errors = np.sum((np.abs(found @ rows.T) - requested) ** 2, axis=1)
+    best = found[errors <= errors.min() + EQUAL_ERROR * requested @ requested]
     norms = np.sum(best**2, axis=1)
     best = best[norms <= norms.min() * (1.0 + EQUAL_NORM)]
     best *= np.copysign(1.0, best @ near)[:, None]  # alike for every finger
@@ -112,13 +112,17 @@ def _solved_points(
     return np.array([clamped(w, limit) for w, limit in zip(modal * unit * top, limits, strict=True)]), limited
 
 
-def _starts(rows: FloatArray, wanted: FloatArray, near: FloatArray) -> list[FloatArray]:
+def _starts(rows: FloatArray, requested: FloatArray, near: FloatArray) -> list[FloatArray]:
     """Return the present amplitudes, if there are any, those that serve each slipping finger alone, and those that are
     best within no limits, for patterns of signs."""
-    slips = np.flatnonzero(wanted)
+    slips = np.flatnonzero(requested)
     inverse, patterns = np.linalg.pinv(rows)[:, slips], itertools.product((1.0, -1.0), repeat=len(slips))
     different = itertools.islice(patterns, min(2 ** len(slips) // 2, MOST_PATTERNS))
-    starts = [near, *rows[slips] * wanted[slips, None], *[inverse @ (signs * wanted[slips]) for signs in different]]
+    starts = [
+        near,
+        *rows[slips] * requested[slips, None],
+        *[inverse @ (signs * requested[slips]) for signs in different],
+    ]
     return [np.clip(start, -SAFE, SAFE) for start in starts if start.any()]
 
 

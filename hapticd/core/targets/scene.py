@@ -133,7 +133,7 @@ class Scene:
 
     @property
     def next_expiry_ns(self) -> int | None:
-        """When the next target, surface or effect expires; None while there is none."""
+        """Instant at which the next target, surface or effect expires; None while there is none."""
         next_ns = min(self.surfaces.t_expires_ns, self.effects.t_expires_ns)
         for held in self._held.values():  # no generator: each tick of the timer asks, and mostly there is nothing
             next_ns = min(next_ns, held.t_expires_ns)
@@ -164,7 +164,7 @@ class Scene:
         return texture(x_mm, y_mm) if callable(texture) else texture
 
     def detail(self, key: FingerKey) -> Detail:
-        """How finely a finger's texture must be sampled."""
+        """Sampling that a finger's texture needs."""
         return self._held.get(key, _UNHELD).detail
 
     def virtual_names(self, t_ns: int) -> tuple[str, ...]:
@@ -189,7 +189,7 @@ class Scene:
         return keys
 
     def virtual_position_mm(self, name: str, t_ns: int) -> tuple[float, float]:
-        """Where a virtual finger is at any instant, also one to come. Raises KeyError where there is none."""
+        """Return a virtual finger's place at any instant, also one to come. Raises KeyError where there is none."""
         walk = self._held[name].walk
         if walk is None:
             raise KeyError(name)

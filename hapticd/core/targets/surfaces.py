@@ -44,7 +44,7 @@ class Crossing(NamedTuple):
 
 
 class PathDetail(NamedTuple):
-    """How a finger's way is to be divided: into at least so many pieces, whether they are without corners, and the
+    """Division of a finger's way: into at least so many pieces, whether they are without corners, and the
     edges that it crosses."""
 
     pieces: float

@@ -31,7 +31,7 @@ _Wave = tuple[float, float, float, float]  # rad/mm along x and y, rad, um
 
 
 class Detail(NamedTuple):
-    """How finely a texture must be sampled along a path: its corners lie at least `finest_mm` apart; a `smooth` one has
+    """Sampling that a texture needs along a path: its corners lie at least `finest_mm` apart; a `smooth` one has
     none."""
 
     finest_mm: float

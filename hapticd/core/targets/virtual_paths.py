@@ -1,4 +1,4 @@
-"""Where a virtual finger or a moving surface is: a polyline walked at constant speed, exact at any instant.
+"""Place of a virtual finger or a moving surface: a polyline walked at constant speed, exact at any instant.
 
 The position is computed from the whole way since the start, never from the last position, so nothing accumulates.
 """

@@ -1,4 +1,4 @@
-"""When the trackpad sampled: its stamps in host nanoseconds.
+"""Sampling instants of the trackpad: its stamps in host nanoseconds.
 
 A trackpad samples its glass on a regular clock, but its stamps are rounded to a millisecond, jitter with the bus, come
 in batches or, as a finger lands, lie off the sampling grid. Half a millisecond is 0.17 mm at 30 cm/s, more than the

@@ -38,7 +38,7 @@ class Flaw(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What is wrong: the likely causes, which what was measured does not tell apart, and the wires (modes) concerned.
+    """A fault: the likely causes, which what was measured does not tell apart, and the wires (modes) concerned.
 
     `sentence` says what was seen and what to do. Without a cause nothing but the sentence is known.
     """
@@ -72,7 +72,7 @@ class Judgement:
 
 @dataclass(frozen=True, slots=True)
 class PlateDesign:
-    """What the board expects of its plate: M modes, each with an amplifier and a sensor of its own."""
+    """The plate that the board expects: M modes, each with an amplifier and a sensor of its own."""
 
     frequency_hz: tuple[float, ...]
     decay_1_s: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""What the sweeps say of the plate: wires as matrices, resonances against the design, and how straight the chain is."""
+"""The plate by its sweeps: wires as matrices, resonances against the design, and how straight the chain is."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ CLEAR: Final = 5.0  # times the noise of a line
 
 @dataclass(frozen=True, slots=True)
 class MeterReadings:
-    """What a technician reads at rest; None is what was not measured. `idle_v` is the DC at each sensor's ADC pin."""
+    """A technician's readings at rest; None: not measured. `idle_v` is the DC at each sensor's ADC pin."""
 
     board_v: float | None
     plus_v: float | None

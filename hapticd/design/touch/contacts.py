@@ -1,4 +1,4 @@
-"""How large fingers' contacts are, by what they do to the plate, and the law of the pad's ellipses that this gives.
+"""Sizes of fingers' contacts, by their effect on the plate, and the law of the pad's ellipses that this gives.
 
 A finger loads the plate over its whole contact, so that it damps a mode even where its centre rests on a node: by
 `spread_mm2` (`model`). On waves of 32 mm a disc of 4 mm has 4 mm2, one of 7 mm 15.

@@ -1,4 +1,4 @@
-"""Where on the plate a recording shows fingers, where they are missing, and how well that tells the map there."""
+"""Coverage of the plate by a recording's fingers: where they were, where they lack, how well the map is known there."""
 
 from __future__ import annotations
 

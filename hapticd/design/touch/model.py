@@ -49,7 +49,7 @@ FORCE_S = 0.15  # in which a finger's force changes
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What is sought: `pad` (7,) as in PAD, `sense` (M, M) complex, `waves` (M, K) that the map lacks; or its error."""
+    """Unknowns: `pad` (7,) as in PAD, `sense` (M, M) complex, `waves` (M, K) that the map lacks; or its error."""
 
     pad: FloatArray
     sense: ComplexArray
@@ -68,7 +68,7 @@ class Calibration:
 
 
 class Apart(StrEnum):
-    """What has a centroid of its own, next to the pad's place: nothing, each session (its posture), or each touch."""
+    """Scope of a centroid, next to the pad's place: nothing, each session (its posture), or each touch."""
 
     NONE = ""
     SESSIONS = "sessions"
@@ -76,7 +76,7 @@ class Apart(StrEnum):
 
 
 class Free(NamedTuple):
-    """Which parts of the calibration are sought."""
+    """Unknown parts of the calibration."""
 
     pad: bool = False
     sense: bool = False

@@ -1,4 +1,4 @@
-"""What a recording shows of the plate and its fingers, in short windows that share their finger loads."""
+"""Observations of the plate and its fingers by a recording, in short windows that share their finger loads."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Windows(Ticks):
 
     @property
     def sessions(self) -> list[npt.NDArray[np.bool_]]:
-        """Which windows (B,) are of each session."""
+        """Windows (B,) of each session."""
         of_track = np.array([one.session for one in self.tracks], np.int64)
         session = of_track[self.track[:, 0]]
         return [session == one for one in np.unique(session)]

@@ -1,4 +1,4 @@
-"""What of a pad's pose is its own: the centroid that a posture's fingers share passes for it, as errors of the map do.
+"""A pad's own part of its pose: the centroid that a posture's fingers share passes for it, as errors of the map do.
 
 Sessions differ in their postures. The farther apart these are, the less of what is found is the pad's; and the more
 there are, the more.

@@ -1,4 +1,4 @@
-"""What a fit to touches seeks: its parameters in one vector, their priors, and a state after a step of them."""
+"""Unknowns of a fit to touches: its parameters in one vector, their priors, and a state after a step of them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class TouchProblem:
 
     @property
     def spread_mm2(self) -> float:
-        """What the spread of a touch is taken to be."""
+        """Assumed spread of a touch."""
         return 0.0 if self.are_points else SPREAD_MM2
 
     def parts(self, state: FitState) -> list[FloatArray]:

@@ -1,4 +1,4 @@
-"""What the model of the plate is made of: terms that are linear in its unknowns, and the shapes under fingers."""
+"""Terms of the model of the plate, which are linear in its unknowns, and the shapes under fingers."""
 
 from __future__ import annotations
 

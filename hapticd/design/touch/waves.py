@@ -1,4 +1,4 @@
-"""What a mode map may lack: smooth surfaces, the most likely first (Karhunen-Loeve), and the shapes of other modes.
+"""Errors of a mode map: smooth surfaces, the most likely first (Karhunen-Loeve), and the shapes of other modes.
 
 The surfaces are the eigenvectors of a Gaussian process: waves of the map's own length, which a noisy scan gets wrong,
 and whatever glue, wires and supports do, whose scale is a quarter of that wave. Modes that have turned into each other

@@ -39,7 +39,7 @@ _DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, OverflowErr
 
 @dataclass(slots=True)
 class Losses:
-    """What a recording lacks. `gaps` are places in the numbering, `missing` the records that were there."""
+    """Losses of a recording. `gaps` are places in the numbering, `missing` the records that were there."""
 
     skipped_bytes: int = 0
     gaps: int = 0

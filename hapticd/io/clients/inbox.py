@@ -27,7 +27,7 @@ class ClientMessage(NamedTuple):
 
 
 class Inbox:
-    """What one client has sent and the daemon has not handled. It ends with the connection, and nothing outlives it."""
+    """Messages of one client that the daemon has not handled. It ends with the connection, and nothing outlives it."""
 
     def __init__(
         self,

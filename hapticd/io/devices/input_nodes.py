@@ -39,7 +39,7 @@ def _code(direction: int, number: int, size_bytes: int) -> int:
 
 
 class Axis(NamedTuple):
-    """What a device declares of an axis, and its value now; `resolution` is in units per mm, 0: unknown."""
+    """An axis as a device declares it, and its value now; `resolution` is in units per mm, 0: unknown."""
 
     present: int
     low: int
@@ -67,7 +67,7 @@ class InputNode:
 
     @property
     def name(self) -> str:
-        """What the device calls itself."""
+        """Name that the device reports."""
         return "".join(one for one in self._device.name if one.isprintable())
 
     def axis(self, code: int) -> Axis | None:

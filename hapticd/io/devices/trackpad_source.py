@@ -32,7 +32,7 @@ class TrackpadSource(Protocol):
 
     @property
     def counters(self) -> Mapping[str, int | str]:
-        """What of the input did not become reports, by cause; empty where that cannot be."""
+        """Counts of input that became no reports, by cause; empty where that cannot be."""
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None: ...
 

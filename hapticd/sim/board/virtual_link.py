@@ -1,4 +1,4 @@
-"""What `SerialLink` is to a conversation, with a simulated board at the other end and time that is the loop's own."""
+"""A `SerialLink` for a conversation, with a simulated board at the other end and time that is the loop's own."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ Reported = tuple[int, int, int]  # major and minor in counts, and the code of th
 
 
 class EllipseSensor:
-    """What a pad makes of one contact's ellipse, over the blocks of its scans."""
+    """A pad's readings of one contact's ellipse, over the blocks of its scans."""
 
     def __init__(self, of: PadEllipse, pad: PadGeometry, random: np.random.Generator) -> None:
         self._of = of

@@ -34,7 +34,7 @@ FILTERED_NOISE: Final = PadNoise(0.025, noise_correlation=0.65, time_error_ms=0.
 
 
 class Firmware:
-    """What a pad's firmware makes of one finger's positions, over the blocks of its scans."""
+    """Positions of one finger as a pad's firmware reports them, over the blocks of its scans."""
 
     def __init__(self, noise: PadNoise) -> None:
         self._of = noise

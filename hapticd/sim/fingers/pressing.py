@@ -1,4 +1,4 @@
-"""How hard a simulated finger presses, and the contact that it makes.
+"""Pressure of a simulated finger, and the contact that it makes.
 
 A finger that presses harder covers more: by Hertz's law the radius grows with the third root of the force, which is
 what a fingertip does between 0.2 and 1 N (50 .. 150 mm2). A pad's pressure is taken for a force of unknown scale.
@@ -26,7 +26,7 @@ TipSample = tuple[float, float, float, float, float, float]  # x_mm, y_mm, press
 
 
 class Tip(TrueContact, Protocol):
-    """What touches the plate: a contact, and how hard it presses."""
+    """A contact with the plate, and its pressure."""
 
     def pressure_frac(self, t_s: FloatArray) -> FloatArray:
         """Return the pressure (T,), as a share of the pad's highest; NaN: as the pad draws it for an index finger."""

@@ -164,7 +164,7 @@ class GroundTruth:
 
     @property
     def uncertainty(self) -> UncertaintyConfig:
-        """What is not known of this plate: little, but where a world has errors what is configured for any."""
+        """Uncertainty of this plate: little, but where a world has errors what is configured for any."""
         return WELL_MEASURED if self.settings.world == NEUTRAL else UncertaintyConfig()
 
     def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:

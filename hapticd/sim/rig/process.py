@@ -53,7 +53,7 @@ def end(process: subprocess.Popen[str]) -> None:
 
 
 class RigSettings(NamedTuple):
-    """What a rig plays.
+    """Settings of a rig.
 
     `motion` is that of strokes, one of `scenarios.MOTIONS`; `fingers` a CSV that is played in place of the scenario.
     `plate` is one of `glasses.GLASSES` or a file, `modes` the number of those that are driven, 0 for its own,

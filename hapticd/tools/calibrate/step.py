@@ -25,7 +25,7 @@ PICTURE = {"dpi": 80, "colours": 64}  # of all steps: small enough for a mail
 
 
 class MissingInput(CalibrationError):
-    """What a step reads is not given: `all` ends before it."""
+    """An input of a step is not given: `all` ends before it."""
 
 
 class Outcome(Enum):

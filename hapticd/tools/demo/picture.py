@@ -72,8 +72,8 @@ def _draw_plate(figure: Any, axis: Any, film: Film, seconds: float) -> None:
         norm=PowerNorm(0.5, vmin=0.0),  # small amplitudes matter as much as large ones
     )
     instants_s, *frictions = film.contacts(seconds)
-    felt, wanted = (each[int(np.searchsorted(instants_s, film.t_s[at]))] for each in frictions)
-    for finger, (place_mm, got, asked) in enumerate(zip(film.finger_true_mm[at], felt, wanted, strict=True)):
+    felt, target = (each[int(np.searchsorted(instants_s, film.t_s[at]))] for each in frictions)
+    for finger, (place_mm, got, asked) in enumerate(zip(film.finger_true_mm[at], felt, target, strict=True)):
         if not np.isfinite(asked):
             continue
         colour = ON_FIELD[_colour(asked)]

@@ -19,7 +19,7 @@ PASS, WARN, FAIL = "pass", "warn", "FAIL"
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What a check found; `text` is its result, `remedy` the fix, empty if none is needed; the program names it."""
+    """Result of a check; `text` is its result, `remedy` the fix, empty if none is needed; the program names it."""
 
     verdict: str
     check: str = field(default="", kw_only=True)

@@ -30,7 +30,7 @@ class Difference(NamedTuple):
 
 @dataclass(slots=True)
 class _Outcome:
-    """What a replay found. `lost_seq` is the first missing record: what comes after it is not compared."""
+    """Result of a replay. `lost_seq` is the first missing record: what comes after it is not compared."""
 
     lines: int = 0
     references: int = 0

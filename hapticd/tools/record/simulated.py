@@ -46,7 +46,7 @@ def run(
 
 
 def _put_truth(recording: DirectRecording, played: Run) -> None:
-    """Where the fingers were, their targets, and what the plate gave them."""
+    """The fingers' places, their targets, and their amplitudes on the plate."""
     for index, t_ns in enumerate((T_START_NS + np.round(played.t_s * 1e9)).astype(np.int64).tolist()):
         fingers = []
         for actor, (x_mm, y_mm) in enumerate(played.finger_true_mm[index].tolist()):

@@ -1,4 +1,4 @@
-"""When a device of the kernel's input layer sampled: the kernel's stamps, and the device's own counter if it has one.
+"""Sampling instants of a device of the kernel's input layer: the kernel's stamps, and the device's own counter, if any.
 
 The kernel stamps an event when the bus delivers it: on USB up to one polling interval late, and that is 8 ms on some
 touchscreens. The device's counter (MSC_TIMESTAMP) has no such jitter, but some count in a wrong unit.

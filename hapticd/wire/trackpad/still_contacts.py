@@ -17,7 +17,7 @@ _LEAST_LATE_NS: Final = 2_000_000  # of the host
 
 
 class StillContacts:
-    """When to repeat the last report. `took` each report; `repeat` once `due_ns` has passed."""
+    """Timer that repeats the last report. `took` each report; `repeat` once `due_ns` has passed."""
 
     def __init__(self, longest_rest_ns: int = LONGEST_REST_NS) -> None:
         self._longest_rest_ns = longest_rest_ns
@@ -48,7 +48,7 @@ class StillContacts:
 
     @property
     def due_ns(self) -> int | None:
-        """When the last report should be repeated if none comes before; None: there is nothing to repeat."""
+        """Instant at which to repeat the last report if none comes before; None: there is nothing to repeat."""
         t_next_ns = self._t_ns + self.period_ns
         if not self._are_down or t_next_ns - self._t_report_ns > self._longest_rest_ns:
             return None

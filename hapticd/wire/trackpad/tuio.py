@@ -41,7 +41,7 @@ class _Place(NamedTuple):
 
 
 class _Packet:
-    """What one datagram says of a profile."""
+    """One datagram's content of a profile."""
 
     def __init__(self) -> None:
         self.places: dict[int, _Place] = {}
@@ -51,7 +51,7 @@ class _Packet:
 
 
 class _Profile:
-    """What a source has said of a profile, by session id."""
+    """A source's contacts of a profile, by session id."""
 
     def __init__(self) -> None:
         self.places: dict[int, _Place] = {}

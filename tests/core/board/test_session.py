@@ -126,7 +126,7 @@ def test_a_board_that_does_not_answer_is_greeted_four_times_a_second() -> None:
     assert not bench.session.ready
 
 
-def test_an_accepted_board_gets_its_controller_and_is_asked_its_time_until_the_clock_is_known() -> None:
+def test_an_accepted_board_gets_its_controller_and_time_requests_until_it_syncs() -> None:
     bench = Bench()
     bench.session.link_up(bench.t_ns)
     said = bench.session.receive_hello(HELLO, bench.t_ns)
@@ -146,7 +146,7 @@ def calibrated() -> BoardSession:
     return session
 
 
-def test_an_accepted_board_is_told_what_was_measured_of_its_modes_one_after_the_other() -> None:
+def test_an_accepted_board_gets_the_measured_modes_one_after_the_other() -> None:
     session = calibrated()
     assert session.receive_hello(HELLO, START_NS) == [SetController("pi"), TimeRequest(START_NS)]
     for k in range(2):
@@ -188,7 +188,7 @@ def test_a_board_that_is_a_persons_tool_is_neither_armed_nor_kept_alive(bench: B
     assert any(isinstance(command, ReferenceFrame) for _, command in bench.run(60 * MS))
 
 
-def test_what_the_board_sends_may_wait_for_a_pass_while_it_follows_or_rests_and_owes_no_answer(bench: Bench) -> None:
+def test_bytes_of_the_board_may_wait_for_a_pass_while_no_answer_is_due(bench: Bench) -> None:
     session = bench.session
     assert session.can_wait
     asked: list[TimeRequest] = []
@@ -213,7 +213,7 @@ def test_what_the_board_sends_may_wait_for_a_pass_while_it_follows_or_rests_and_
 
 
 @pytest.mark.parametrize("phase_ms", range(10))
-def test_while_a_reference_stands_the_board_hears_something_every_twenty_milliseconds(phase_ms: int) -> None:
+def test_while_a_reference_stands_the_board_gets_a_frame_every_20_ms(phase_ms: int) -> None:
     bench = Bench().met()
     bench.t_ns += phase_ms * MS
     bench.send()
@@ -385,7 +385,7 @@ def unanswered(references: int) -> tuple[Bench, list[BoardCommand]]:
     return bench, said
 
 
-def test_of_the_references_held_back_the_newest_goes_out_when_the_board_names_one_it_read() -> None:
+def test_of_references_held_back_the_newest_goes_out_once_the_board_read_one() -> None:
     bench, said = unanswered(4)
     assert kinds(said) == [TimeRequest]
     assert bench.session.resume(bench.t_ns) == []  # it has not spoken
@@ -409,7 +409,7 @@ def test_a_board_that_speaks_has_lost_what_it_does_not_name() -> None:
     assert kinds(bench.session.resume(bench.t_ns)) == [ReferenceFrame, TimeRequest]
 
 
-def test_a_reference_that_was_held_back_until_it_was_past_is_not_sent_and_none_stands() -> None:
+def test_a_reference_held_back_until_it_was_past_is_not_sent_and_none_stands() -> None:
     bench, _ = unanswered(3)
     bench.t_ns += 80 * MS
     bench.say(seq=2)

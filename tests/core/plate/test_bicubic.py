@@ -40,7 +40,7 @@ def test_it_is_the_not_a_knot_spline_of_scipy(seed: int) -> None:
     np.testing.assert_allclose(surfaces.evaluate(points), expected, rtol=0.0, atol=1e-11)
 
 
-def test_slopes_are_those_of_finite_differences_and_contacts_are_points_around_their_centres() -> None:
+def test_slopes_equal_finite_differences_and_contacts_are_points_round_centres() -> None:
     surfaces, _, random = random_surfaces(4)
     points, step = 0.9 * points_within(random, surfaces, 50), 1e-5
     for axis in (0, 1):

@@ -112,7 +112,7 @@ def test_a_higher_priority_lowers_a_slippery_finger_s_error_and_raises_another_s
     assert np.median(higher[:, 0]) < 1.0
 
 
-def test_of_three_priorities_the_second_comes_before_the_third_and_of_equal_ones_the_sticky_finger(
+def test_the_second_priority_precedes_the_third_and_of_equal_ones_the_sticky(
     plate: ModeShapes,
 ) -> None:
     falling = np.median(mixed_errors_jnd(plate, [2, 1, 0]), axis=0)
@@ -133,10 +133,10 @@ def test_one_finger_gets_any_friction(plate: ModeShapes, friction: float) -> Non
 
 def test_a_finger_that_slides_where_friction_depends_on_speed_gets_more_amplitude(plate: ModeShapes) -> None:
     got_um = []
-    for target_um, stretch in ((0.4, 1.0), (0.8, 2.0)):
+    for target_um, speed_gain in ((0.4, 1.0), (0.8, 2.0)):
         one, modal_um = solver(plate, (10.0,) * 4), (0j,) * 4
         for _ in range(40):
-            solution = one.solve(places(PAIR_MM, (target_um, 0.0)), modal_um, 100 * MS, [stretch, stretch])
+            solution = one.solve(places(PAIR_MM, (target_um, 0.0)), modal_um, 100 * MS, [speed_gain, speed_gain])
             modal_um = solution.modal_um
         got_um.append(solution.achieved_um[0])
     assert got_um[1] == pytest.approx(2.0 * got_um[0], rel=0.01)
@@ -223,7 +223,7 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
 
 
 @given(st.lists(st.tuples(*[st.floats(-1.0, 40.0)] * 2, st.floats(-10.0, 10.0)), min_size=2, max_size=2))
-def test_whatever_ellipses_a_pad_reports_amplitudes_are_finite_and_within_the_limits_to_the_last_bit(
+def test_for_any_ellipses_amplitudes_are_finite_and_within_the_exact_limits(
     plate: ModeShapes, ellipses: list[tuple[float, float, float]]
 ) -> None:
     contacts = [ContactTracker(EllipseScale(1.2, 0.5)) for _ in ellipses]

@@ -44,8 +44,8 @@ def iterated(given: list[Any]) -> tuple[Array, Array]:
     """One problem after its iterations, on arrays: W (M,), and the weights."""
     limits, now, c = given[4], np.array(given[5]), given[1]
     (full_um, least), (starts, origins, rates) = given[3][:2], given[3][2:].reshape(3, -1)
-    _, wanted, counted, sticky, gains, logs, _, _ = np.reshape(given[2], (8, -1))
-    phi = np.frombuffer(given[0]).reshape(len(wanted), len(c), len(now))
+    _, target, counted, sticky, gains, logs, _, _ = np.reshape(given[2], (8, -1))
+    phi = np.frombuffer(given[0]).reshape(len(target), len(c), len(now))
     for _ in range(given[6]):
         w = phi @ now
         r = np.sqrt(np.abs(w) ** 2 + UNCERTAIN_FRAC**2 * (phi**2 @ np.abs(now) ** 2))
@@ -53,13 +53,13 @@ def iterated(given: list[Any]) -> tuple[Array, Array]:
         piece = np.maximum(np.searchsorted(starts, at, side="right") - 1, 0)
         friction = np.where(at < full_um, np.exp((origins[piece] - at) * rates[piece]), least)
         rate, got = rates[piece] / gains[:, None], friction @ c
-        size = np.abs(got / wanted - 1.0) / WEBER_FRAC
+        size = np.abs(got / target - 1.0) / WEBER_FRAC
         error = np.log(np.clip(size * (1.0 - 0.7 * sticky * np.maximum(1.0 - size, 0.0)), 0.3, counted))
         logs = np.clip(logs - logs.mean() + 0.3 * (error - error.mean()), -4.6, 4.6)
-        slope = (np.exp(logs) / (WEBER_FRAC * wanted))[:, None] * c * friction * rate
+        slope = (np.exp(logs) / (WEBER_FRAC * target))[:, None] * c * friction * rate
         along = (1.0 - sticky)[:, None] * slope * rate
         kappa = sticky[:, None] * slope / np.sqrt(r * r + 0.2**2) + along
-        outwards = np.clip((got - wanted) / got, -1.5, 1.0)
+        outwards = np.clip((got - target) / got, -1.5, 1.0)
         even = (0.5 / (1.0 + size**2))[:, None] * ((r @ c)[:, None] - r)
         aim = np.maximum(r + even + outwards[:, None] / rate, 0.0)
         pulled = along * aim / np.maximum(np.abs(w), 1e-9)

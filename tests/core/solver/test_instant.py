@@ -61,7 +61,7 @@ def test_with_one_finger_still_amplitudes_are_real_and_it_gets_nothing(wanted_um
         assert solution.achieved_um[wanted_um.index(0.0)] < 1e-15
 
 
-def test_from_turned_amplitudes_a_finger_that_becomes_still_gets_nothing_and_the_phase_stays() -> None:
+def test_from_turned_amplitudes_a_finger_that_becomes_still_gets_0_phase_stays() -> None:
     chosen = solver()
     before = next(one for one in walked(chosen, 1.0, 1.0)[100:] if min(abs(w.imag) for w in one.modal_um) > 0.1)
     after = chosen.solve([before.places[0], (*before.places[1][:2], 0.0)], before.modal_um, STEP_NS)

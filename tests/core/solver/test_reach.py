@@ -64,7 +64,7 @@ def test_a_finger_alone_reaches_bare_glass_and_what_its_place_allows() -> None:
 
 
 @pytest.mark.parametrize("fingers", [2, 3])
-def test_within_its_reach_a_finger_feels_what_it_asks_for_and_outside_it_or_another_does_not(fingers: int) -> None:
+def test_within_its_reach_a_finger_feels_its_target_and_outside_one_finger_not(fingers: int) -> None:
     inside, outside = [], []
     for places in scenes(fingers, fingers, 40):
         found = reached(places)

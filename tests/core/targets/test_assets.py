@@ -44,7 +44,7 @@ def lay(scene: Scene, *surfaces: Surface, client: str = "a", t_ns: int = T0_NS) 
     return scene.set_targets(ClientTargets.of(client, 10**12, {}, {}, surfaces=named), t_ns)
 
 
-def test_an_uploaded_picture_of_1024_pixels_is_felt_at_its_own_resolution_by_all_who_use_it() -> None:
+def test_a_picture_of_1024_pixels_is_felt_at_its_own_resolution_by_all_users() -> None:
     scene = Scene(w_limit_um=4.0)
     columns = bytes(255 if column % 2 else 0 for column in range(1024))
     digest = uploaded(scene.assets, columns * 1024)
@@ -92,7 +92,7 @@ def test_a_map_whose_asset_is_not_here_or_has_another_size_is_refused() -> None:
     assert [layer.name for layer in scene.surfaces.layers] == ["s2"]
 
 
-def test_an_asset_stays_while_it_is_used_and_a_while_longer_and_an_upload_that_ends_costs_nothing() -> None:
+def test_an_asset_outlasts_its_use_for_a_while_and_an_ended_upload_is_free() -> None:
     scene = Scene(w_limit_um=4.0)
     digest = uploaded(scene.assets, b"abcd")
     uploaded(scene.assets, b"idle")

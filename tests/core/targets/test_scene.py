@@ -57,7 +57,7 @@ def test_a_message_replaces_all_that_the_same_client_wanted_before(scene: Scene)
         Amplitude(float("nan")),
     ],
 )
-def test_more_than_the_plate_can_do_is_refused_and_the_clients_other_fingers_keep_theirs(target: Content) -> None:
+def test_a_target_beyond_the_plate_is_refused_and_the_other_fingers_keep_theirs(target: Content) -> None:
     scene = a_scene()
     (refusal,) = scene.set_targets(wants("a", {1: target, 2: SLIPPERY}), T0_NS)
     assert refusal.startswith("finger 1 cannot have ")
@@ -121,7 +121,7 @@ def test_refreshing_a_path_does_not_start_it_anew_but_another_path_does(scene: S
     assert scene.virtual_position_mm("ghost", T0_NS + 200) == OTHER_LINE.path_mm[0]
 
 
-def test_the_plate_serves_only_so_many_virtual_fingers_and_refreshing_them_needs_no_room(scene: Scene) -> None:
+def test_virtual_fingers_are_bounded_and_refreshing_them_needs_no_room(scene: Scene) -> None:
     mine = {f"a{n}": LINE for n in range(MAX_VIRTUALS - 1)}
     assert scene.set_targets(wants("a", {}, mine), T0_NS) == ()
     (refusal,) = scene.set_targets(wants("b", {}, {"b0": LINE, "b1": LINE}), T0_NS)

@@ -159,7 +159,7 @@ PATH = VirtualPath(((0.0, 0.0), (1.0, 0.0)), 50.0, True)
         ),
     ],
 )
-def test_surfaces_corners_and_expensive_surfaces_are_bounded_and_a_refresh_needs_no_room(
+def test_surfaces_corners_and_weights_are_bounded_and_a_refresh_needs_no_room(
     most: int, kinds: tuple[Surface, ...], late: tuple[Surface, ...], refused: str
 ) -> None:
     scene = Scene(w_limit_um=4.0)

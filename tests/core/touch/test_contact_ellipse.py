@@ -79,7 +79,7 @@ def test_an_ellipse_is_continuous_in_axes_and_angle(
     assert np.abs(there - here).max() <= 2e-5
 
 
-def test_an_ellipse_follows_a_finger_that_presses_harder_within_five_reports_and_without_a_step() -> None:
+def test_an_ellipse_follows_a_harder_press_within_five_reports_without_a_step() -> None:
     contact = ContactTracker(AS_REPORTED)
     contact.update(8.0, 8.0, 0.0)
     found = []
@@ -103,7 +103,7 @@ def sensed(path: Path, tip: Fingertip, seed: int) -> list[Contact]:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_under_a_finger_that_only_rests_the_ellipse_stays_to_the_last_bit_for_seconds(seed: int) -> None:
+def test_under_a_resting_finger_the_ellipse_stays_to_the_last_bit_for_seconds(seed: int) -> None:
     contact, ellipses = ContactTracker(PAD), []
     for one in sensed(Rest((3.0 * seed, 2.0), 0.05, seed), Fingertip(5.5, 4.0, 0.7), seed):
         contact.update(one.major_mm, one.minor_mm, one.angle_rad)

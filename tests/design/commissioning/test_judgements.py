@@ -67,7 +67,7 @@ def test_wrong_level_is_named(changes: dict[str, Any], found: tuple[tuple[Flaw, 
     assert named(supply(replace(GOOD, **changes))) == [found]
 
 
-def test_boards_log_names_an_open_circuit_a_supply_that_fell_and_a_refused_configuration() -> None:
+def test_the_board_s_log_names_open_circuit_fallen_supply_and_refused_settings() -> None:
     assert named(supply(interlock=AMPLIFIER_FAULT)) == [((Flaw.FAULT_LINE,), ())]
     assert named(supply(interlock=EMERGENCY_STOP)) == [((Flaw.STOP_LINE,), ())]
     assert interlock_of((64, EMERGENCY_STOP, SUPPLY, AMPLIFIER_FAULT, 65)) == AMPLIFIER_FAULT

@@ -12,7 +12,7 @@ from .synthetic import WAVE_RAD_MM, Touching, mode_map
 from .test_fit import NOMINAL
 
 
-def test_touching_of_all_places_is_summed_and_a_finger_in_the_middle_sent_to_a_corner() -> None:
+def test_touches_of_all_places_add_up_and_a_middle_finger_is_sent_to_a_corner() -> None:
     windows = Touching(NOMINAL, seconds=3.0).windows()
     assert float(touched_s(windows, mode_map()).sum()) == pytest.approx(2.0 * 0.02 * len(windows), rel=0.02)
     windows = Touching(NOMINAL, seconds=3.0, at_rest=True, fingers=1).windows()

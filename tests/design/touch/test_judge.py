@@ -70,7 +70,7 @@ def test_what_the_fingers_of_each_session_share_is_not_the_pads_place() -> None:
 
 
 @pytest.mark.usefixtures("without_map")
-def test_modes_that_turned_into_each_other_are_no_mistake_but_sensors_that_were_swapped_are() -> None:
+def test_modes_turned_into_each_other_are_no_mistake_but_swapped_sensors_are() -> None:
     turned = replace(WRONG, sense=np.array(((1.0, 0.15), (-0.15, 1.0)), np.complex128))
     judged = calibrate(Touching(turned, seconds=8.0).windows(), mode_map())
     assert judged.refusal == ""

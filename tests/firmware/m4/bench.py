@@ -1,6 +1,6 @@
 """The flashed program on its board, with a plate on its converters and a host on its line, chunk by chunk.
 
-The plate gets what the memory holds that the DMA would read by the addresses in its registers, the host hears what the
+The plate gets the memory that the DMA would read by the addresses in its registers, the host receives what the
 DMA would send. That converters and clocks run as the chip's table says follows from the registers of the start, which a
 test compares. A chunk's interrupt comes when its last sample is in memory, and takes no time.
 """
@@ -105,7 +105,7 @@ class Bench:
 
     @property
     def status(self) -> BoardStatus:
-        """The last one that the host has heard."""
+        """The last one that the host has received."""
         return [message for message in self.messages if isinstance(message, BoardStatus)][-1]
 
     def log(self) -> BoardLog:

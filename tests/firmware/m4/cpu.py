@@ -144,7 +144,7 @@ class Cpu:
         return bool(self._uc.reg_read(arm.UC_ARM_REG_BASEPRI))
 
     def on_access(self, addresses: range, callback: Callable[[bool], None]) -> Callable[[], None]:
-        """`callback` hears of every access to data there, True for a write; the result removes it."""
+        """`callback` is called at every access to data there, True for a write; the result removes it."""
         hook = self._uc.hook_add(
             unicorn.UC_HOOK_MEM_READ | unicorn.UC_HOOK_MEM_WRITE,
             lambda _uc, access, _address, _size, _value, _: callback(access == unicorn.UC_MEM_WRITE),

@@ -56,19 +56,19 @@ class Plate:
     ) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.complex128]]:
         """Plays `words` (n, modes), right-aligned, and samples: words (n, modes), and the motion (n, modes).
 
-        A trigger puts out the word that was fetched before it, so each is heard one sample later; the sample is taken
+        A trigger puts out the word that was fetched before it, so each is played a sample later; the sample is taken
         `delay_frac` of a sample (each mode's) after the new value appears. The motion is Re: displacement in um,
         Im: its quadrature.
         Without `connected` the amplifiers give nothing.
         """
-        heard = np.concatenate((self._held, words[:-1]))
+        played = np.concatenate((self._held, words[:-1]))
         self._held = words[-1:]
         n = len(words)
         sampled = np.zeros_like(words)
         motion_um = np.zeros(words.shape, dtype=np.complex128)
         delays = np.broadcast_to(delay_frac, len(self.mode_hz))
         for k in range(len(self.mode_hz)):
-            asked_v = (heard[:, k].astype(np.float64) - STEPS / 2) * STEP_V * self.amplifier_v_per_v
+            asked_v = (played[:, k].astype(np.float64) - STEPS / 2) * STEP_V * self.amplifier_v_per_v
             voltage_v = np.clip(asked_v, -self.amplifier_limit_v, self.amplifier_limit_v) if connected else np.zeros(n)
             motion_um[:, k] = self._resonator(k, voltage_v, float(delays[k]))
             steps = motion_um[:, k].real / (self.sensor_um_per_v * STEP_V) + self._random.normal(0, self.noise_steps, n)

@@ -119,7 +119,7 @@ def test_a_recording_has_the_device_and_each_report_with_its_time(tmp_path: Path
     assert seen == [[(7, 0.0, 0.0, 0.2)], [(7, 1.0, 0.0, 0.2)], [(7, 2.0, 0.0, 0.2)], []]
 
 
-def test_what_libinput_1_22_and_evemu_2_7_recorded_of_the_same_strokes_are_the_same_contacts() -> None:
+def test_recordings_by_libinput_1_22_and_evemu_2_7_give_the_same_contacts() -> None:
     written_by = [frames(DATA / name) for name in ("touchscreen-libinput-1.22.yml", "touchscreen-evemu-2.7.txt")]
     places = [[[(one.raw_x, one.raw_y) for one in frame.contacts] for frame in each] for each in written_by]
     assert places[0] == places[1]
@@ -199,7 +199,7 @@ def test_what_is_missing_is_named_with_the_program_that_wrote_it(
     assert missing in str(refused.value)
 
 
-def test_a_report_keeps_no_more_events_than_a_device_has_axes_and_a_device_no_more_axes(tmp_path: Path) -> None:
+def test_a_report_keeps_at_most_an_event_per_axis_and_a_device_bounded_axes(tmp_path: Path) -> None:
     events: list[Event] = [(0, 3, 0x35, value) for value in range(5000)]
     pad, reports = read_recording(written(tmp_path, evemu(SCREEN, [*events, (0, 0, 0, 0)])))
     assert len(reports[0].data) == 170 * 24

@@ -46,8 +46,8 @@ class Port:
     def say(self, data: bytes) -> None:
         os.write(self.terminal.master, data)
 
-    def heard(self) -> bytes:
-        return self.terminal.heard()
+    def received(self) -> bytes:
+        return self.terminal.received()
 
     @property
     def speed(self) -> int:
@@ -112,7 +112,7 @@ async def test_another_speed_lasts_until_the_port_is_opened_again(bench: Bench) 
     bench.link.set_baud(3_000_000)
     assert bench.port.speed == termios.B3000000
     assert bench.link.write(b"still here")
-    assert bench.port.heard() == b"still here"
+    assert bench.port.received() == b"still here"
     bench.port.say(b"there too")
     await until(lambda: bench.data == b"there too")
     bench.port.pull()
@@ -165,7 +165,7 @@ async def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Benc
     bench.port.plug()
     await until(lambda: len(bench.links) == 3)
     assert bench.link.write(b"again")
-    assert bench.port.heard() == b"again"
+    assert bench.port.received() == b"again"
 
 
 @played
@@ -175,15 +175,15 @@ async def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones
     written = [bench.link.write(frame) for _ in range(64)]
     assert written[0]
     assert False in written
-    while bench.port.heard():
+    while bench.port.received():
         pass
     bench.link.write(bytes(70_000))  # more than a pty takes: torn
-    while bench.port.heard():
+    while bench.port.received():
         pass
     assert bench.link.write(b"fresh")
-    assert bench.port.heard() == b"\0fresh"
+    assert bench.port.received() == b"\0fresh"
     assert bench.link.write(b"whole")
-    assert bench.port.heard() == b"whole"
+    assert bench.port.received() == b"whole"
 
 
 @played

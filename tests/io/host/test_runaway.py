@@ -17,7 +17,7 @@ class Thread:
     def __init__(self, *, is_real_time: bool = True) -> None:
         self.t_ns = self.ran_ns = 0
         self.slept_s: list[float] = []
-        self.breather = RealtimeThrottle(
+        self.throttle = RealtimeThrottle(
             clock_ns=lambda: self.t_ns,
             ran_ns=lambda: self.ran_ns,
             sleep=self.slept_s.append,
@@ -29,9 +29,9 @@ class Thread:
         for _ in range(spans):
             self.t_ns += WINDOW_NS // 4
             self.ran_ns += WINDOW_NS // 4
-            self.breather.look(is_overrun=is_overrun)
-        assert self.breather.throttled == len(self.slept_s)
-        return self.breather.throttled
+            self.throttle.look(is_overrun=is_overrun)
+        assert self.throttle.throttled == len(self.slept_s)
+        return self.throttle.throttled
 
 
 def test_a_real_time_thread_that_never_sleeps_sleeps_once_in_each_window() -> None:

@@ -147,7 +147,7 @@ def three_more() -> dict[str, tuple[float, ...]]:
     return {"detuning_rad_s": (0.0,) * 3, "gain_um_per_v_s": (1.0,) * 3}
 
 
-def test_a_reset_board_is_another_boot_that_drives_nothing_while_the_plate_rings_down() -> None:
+def test_a_reset_board_is_another_boot_and_drives_nothing_while_the_plate_decays() -> None:
     model = plate()
     board = Board(model, boot_id=7)
     touched_run(board)

@@ -43,7 +43,7 @@ def written(folder: Path, text: str) -> Path:
     return file
 
 
-def test_a_contact_grows_with_the_third_root_of_the_pressure_within_a_finger_pads_bounds() -> None:
+def test_a_contact_grows_with_the_cube_root_of_pressure_within_bounds() -> None:
     radii_mm = [form_of(SimulatedTouch(0.0, 0.0, share * USUAL_PRESSURE_FRAC))[0] for share in (0.0, 1.0, 2.0, 9.0)]
     np.testing.assert_allclose(radii_mm, [LEAST_RADIUS_MM, 5.0, 5.0 * 2 ** (1 / 3), MOST_RADIUS_MM])
 

@@ -10,7 +10,7 @@ from hapticd.sim.fingers.scripted import ScriptedClient
 
 
 @pytest.mark.parametrize("early_s", [-0.02, 0.001, 0.02])
-def test_fingers_are_distinguished_also_where_the_daemon_takes_them_to_land_too_early(early_s: float) -> None:
+def test_fingers_are_distinguished_also_where_they_seem_to_land_too_early(early_s: float) -> None:
     """As in a laboratory whose pad reports sooner than it is configured to."""
     actors = SCENARIOS["strokes"].build(58, 100.0)
     client = ScriptedClient(actors)

@@ -85,7 +85,7 @@ def contacts_of(paths: list[Path]) -> list[list[tuple[int, int, bool]]]:
     return [[(c.contact_id, c.state, c.touching) for c in frame.contacts] for frame in frames]
 
 
-def test_a_contact_ends_with_state_7_then_0_then_an_empty_frame_and_then_the_pad_is_silent() -> None:
+def test_a_contact_ends_with_state_7_0_an_empty_frame_and_silence() -> None:
     assert contacts_of([Touch(Rest((0.0, 0.0)), 1.0, 1.04)])[-5:] == [
         [(1, 4, True)],
         [(1, 4, True)],

@@ -39,7 +39,7 @@ def written(folder: Path, text: str) -> Path:
     return file
 
 
-def test_a_finger_moves_straight_between_its_lines_and_is_lifted_where_they_are_empty(tmp_path: Path) -> None:
+def test_a_finger_moves_straight_between_lines_and_is_lifted_where_they_are_empty(tmp_path: Path) -> None:
     scenario = trajectories.read(written(tmp_path, FINGERS), SIZE_MM)
     first, second = scenario.build(1, 100.0)
     assert (scenario.name, scenario.seconds) == ("fingers.csv", 1.2)

@@ -114,7 +114,7 @@ def test_loop_stays_open_as_long_as_a_dangerous_mistake_is_there(
 
 
 class Ringing(FaultyRig):
-    """A rig with two modes far beyond the sweep, which each amplifier drives and each sensor hears."""
+    """A rig with two modes far beyond the sweep, which each amplifier drives and each sensor sees."""
 
     FAR_HZ = (-1800.0, 600.0)  # from the drive
 

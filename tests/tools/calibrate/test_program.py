@@ -162,7 +162,7 @@ def test_settings_that_the_service_would_not_take_fail_and_spoil_no_others(
     assert config.load(tmp_path / "hapticd.toml") == Config()
 
 
-def test_the_settings_of_one_step_on_a_real_plate_are_taken_before_the_others_are_there() -> None:
+def test_one_step_s_settings_on_a_real_plate_are_taken_before_the_others_exist() -> None:
     real = replace(a_verdict("resonance"), settings={"device": {"port": "/dev/ttyACM0", "baud": 921600}})
     assert folder.accepted(real) == real
     failed = replace(real, outcome=Outcome.FAIL)

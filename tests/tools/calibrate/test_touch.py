@@ -135,7 +135,7 @@ def judged(found: Calibration, waves: Waves | None = None) -> TouchCalibration:
     return TouchCalibration(found, found, Calibration.nominal(2), 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
 
 
-def test_map_and_sensors_are_known_better_with_the_map_but_for_the_gain_that_all_sensors_share(
+def test_with_the_map_sensors_are_known_better_but_for_their_common_gain(
     recorded: Recorded,
 ) -> None:
     touched = read(recorded(TrackpadConfig(), 500, 2.5))

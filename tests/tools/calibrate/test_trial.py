@@ -90,7 +90,7 @@ def test_a_plate_that_the_loop_would_not_hold_is_refused_with_what_to_do() -> No
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, 10.0])
-def test_modes_far_beyond_the_sweep_with_which_the_loop_swings_are_found_and_a_slower_law_is_set(
+def test_unstable_modes_beyond_the_sweep_are_found_and_a_slower_law_is_set(
     noise: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The narrow sweep does not show them, and the board is twice as fast as the plate bears."""

@@ -78,15 +78,15 @@ async def test_who_follows_hears_of_fingers_and_a_marker_reaches_the_daemon(daem
     async with sender(daemon.directory) as program:
         await until(lambda: bool(daemon.markers), lambda: program.send("/hapticd/marker", "now"))
         assert (daemon.markers[0].client, daemon.markers[0].text) == (f"osc-{program.port}", "now")
-        heard: list[OscMessage] = []
+        received: list[OscMessage] = []
 
         def repeat() -> None:
             program.send("/hapticd/follow", program.port)
             with suppress(BlockingIOError):
-                heard.append(decoded(program.socket.recv(2000)))
+                received.append(decoded(program.socket.recv(2000)))
 
-        await until(lambda: any(one.address == "/hapticd/finger" for one in heard), repeat)
-        fingers = [one.arguments for one in heard if one.address == "/hapticd/finger"]
+        await until(lambda: any(one.address == "/hapticd/finger" for one in received), repeat)
+        fingers = [one.arguments for one in received if one.address == "/hapticd/finger"]
         assert fingers[0] == [1, -20.5, 4.0, -1.0, -1.0]
 
 
@@ -112,9 +112,9 @@ async def test_who_follows_hears_of_fingers_and_a_marker_reaches_the_daemon(daem
 async def test_a_wrong_datagram_is_answered_with_a_sentence(daemon: FakeDaemon, datagram: bytes, sentence: str) -> None:
     async with sender(daemon.directory) as program:
         program.socket.sendto(datagram, program.to)
-        heard = await program.next()
-        assert heard.address == "/hapticd/error"
-        assert sentence in str(heard.arguments[0])
+        received = await program.next()
+        assert received.address == "/hapticd/error"
+        assert sentence in str(received.arguments[0])
 
 
 @asynchronous

@@ -58,14 +58,14 @@ def test_a_full_disk_ends_the_recording_with_one_line_and_the_touch_goes_on(
     with caplog.at_level(logging.WARNING):
         bench.driven()
         wait_for(lambda: writer.is_over)
-        before = len(bench.board.heard)
+        before = len(bench.board.received)
         bench.run(100)
         writer.close(bench.t_ns, "over")
 
     assert [line for line in lines(caplog) if "recording" in line] == [
         f"recording: it ends here, the touch goes on: {tmp_path / 'a.mcap'}: No space left on device"
     ]
-    assert len(references(bench.board.heard[before:])) > 0
+    assert len(references(bench.board.received[before:])) > 0
 
 
 def test_a_slow_disk_ends_the_recording_and_nothing_waits(

@@ -35,7 +35,7 @@ class Timed:
 
     @property
     def end_s(self) -> float:
-        """When it has ended."""
+        """The instant of its end."""
         length_s = getattr(self.form, "length_s", None)
         points: Any = getattr(self.form, "points", ())
         return self.begin_s + (points[-1][0] if points else length_s or 0.0)

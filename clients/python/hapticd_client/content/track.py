@@ -1,4 +1,4 @@
-"""What is felt over time, before it is effects: intensities 0 .. 1 that add up, and tones that modulate their sum."""
+"""A score over time, before it is effects: intensities 0 .. 1 that add up, and tones that modulate their sum."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Track:
 
     @property
     def length_s(self) -> float:
-        """When all has ended."""
+        """The instant at which all has ended."""
         return max([line[-1][0] for line in self.lines] + [tone.end_s for tone in self.tones], default=0.0)
 
     def effects(self, high_um: float, where: str) -> list[Timed]:
