@@ -161,7 +161,7 @@ def test_no_two_wings_of_a_part_import_each_other(part: str, least: int) -> None
     assert_no_circle(graph)
 
 
-def test_the_core_knows_no_clock_socket_file_or_log() -> None:
+def test_the_core_imports_no_clock_socket_file_or_log() -> None:
     for path in (PACKAGE / "core").rglob("*.py"):
         assert not {name.split(".")[0] for name in imported_names(path)} & FORBIDDEN_IN_CORE, path
 
@@ -203,7 +203,7 @@ def test_a_heavy_library_is_imported_where_it_is_needed_alone(libraries: set[str
         assert is_allowed or not roots & libraries, path
 
 
-def test_what_only_tests_use_lives_in_tests() -> None:
+def test_code_that_only_tests_use_is_in_tests() -> None:
     """Commands and calibration steps are found by their folders; all else is imported or run by something."""
     found_by_folder = ("tools.calibrate.", "compiled.", "sim.plate.make_stored")
     commands = {command.module for command in COMMANDS.values()}

@@ -194,7 +194,7 @@ def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(client: Client
 # --- time to live -----------------------------------------------------------------------------------------------
 
 
-def test_a_target_outlives_its_time_to_live_while_its_client_lives(daemon: FakeDaemon, client: Client) -> None:
+def test_a_target_outlasts_its_time_to_live_while_its_client_runs(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
     client.set(1, amplitude_um=1.0, ttl_s=0.15)
     start = state_when(client, lambda state: target_um(state, 1) == 1.0)

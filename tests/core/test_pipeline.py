@@ -221,7 +221,7 @@ def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
     assert largest["ours"] < largest["paper"] / 3
 
 
-def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers(bench: Bench) -> None:
+def test_a_silent_pad_is_reported_and_a_lost_one_loses_its_fingers(bench: Bench) -> None:
     bench.hold(3, SLIPPERY)
     assert not bench.pipeline.sensor_is_silent(bench.t_ns + 40 * MS)
     assert bench.pipeline.sensor_is_silent(bench.t_ns + 41 * MS)

@@ -32,7 +32,7 @@ def test_another_users_name_is_refused_with_a_sentence_until_it_is_forgotten(cli
         say(client_registry, 10, KEPT_NS, "uid 1")
 
 
-def test_a_name_lives_as_long_as_what_was_asked_under_it(client_registry: ClientRegistry) -> None:
+def test_a_name_lasts_as_long_as_the_targets_under_it(client_registry: ClientRegistry) -> None:
     client_registry.is_newest("a", "uid 1", 3, 4 * KEPT_NS, 0)
     assert client_registry.is_newest("a", "uid 1", 3, 0, 1)  # a later, shorter message does not shorten it
     assert not client_registry.is_newest("a", "uid 1", 2, 0, 4 * KEPT_NS - 1)

@@ -98,7 +98,7 @@ def test_an_idle_board_goes_on_standby_and_gets_no_keep_alives() -> None:
     assert bench.ask("status")["body"]["board"]["state"] == "QUIET"
 
 
-def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anything() -> None:
+def test_a_board_on_standby_is_armed_by_the_first_report_before_any_target() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.pad_speaks = False
     on_standby(bench)
@@ -122,7 +122,7 @@ def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anyth
     ],
     ids=lambda message: next(iter(message)),
 )
-def test_a_board_at_rest_is_armed_by_the_message_that_wants_something(message: dict[str, object]) -> None:
+def test_a_board_on_standby_is_armed_by_a_message_with_targets(message: dict[str, object]) -> None:
     bench = on_standby(Bench())
     bench.ask("set", client="test", ttl_s=5.0, **message)
     assert not bench.machine.session.is_on_standby

@@ -100,7 +100,7 @@ def test_a_marker_under_another_user_s_name_is_refused_and_a_free_name_is_taken(
     assert "in use by uid 1000" in bench.ask("marker", by=ATTACKER, client="notes", text="trial 8 begins")["error"]
 
 
-def test_a_finger_that_has_not_touched_yet_can_be_held_by_nobody() -> None:
+def test_a_finger_that_has_not_touched_yet_has_no_owner() -> None:
     bench = held()
     future = [{"finger": finger, "amplitude_um": 0.0} for finger in range(3, 19)]
     bench.send(by=ATTACKER, client="greedy", targets=future)

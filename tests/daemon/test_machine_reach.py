@@ -56,6 +56,6 @@ def test_what_is_not_on_the_plate_is_refused_with_a_sentence(machine: Machine) -
     assert asked(machine, x_mm=500.0, y_mm=0.0) == "x_mm and y_mm: the place must lie on the plate."
 
 
-def test_a_plate_driven_for_points_knows_no_reach() -> None:
+def test_a_plate_driven_for_points_refuses_a_reach_query() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     assert "over contacts" in asked(bench.machine, finger=1)

@@ -44,7 +44,7 @@ def test_status_is_plain_data_at_any_time(when: str) -> None:
     assert msgpack.unpackb(msgpack.packb(said)).keys() == said.keys()
 
 
-def test_status_tells_rates_ages_counters_and_how_the_state_came_to_be() -> None:
+def test_status_has_rates_ages_counters_and_the_history_of_the_state() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(95)
     said: Any = bench.machine.report_status(bench.t_ns)
@@ -70,7 +70,7 @@ def test_latencies_are_those_of_now() -> None:
     assert later["latency_ms"] == {}
 
 
-def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
+def test_a_plate_query_returns_size_limits_drive_and_shapes() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     said: Any = decode(encode(bench.machine.describe_plate()))
     modes = bench.machine.modes

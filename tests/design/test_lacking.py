@@ -39,7 +39,7 @@ def error(fit: CartographyFit, glue_frac: float) -> float:
 
 
 @pytest.mark.parametrize("glue_frac", [0.04, 0.06])
-def test_what_glue_adds_is_fitted_and_both_residuals_are_told(glue_frac: float) -> None:
+def test_glue_is_fitted_and_both_residuals_are_reported(glue_frac: float) -> None:
     best = fitted(glue_frac)
     assert best.by == "free_plate"
     added = glue_frac * float(np.sqrt(np.mean(glued(SCAN_MM, SCAN_MM, 0.0) ** 2)))

@@ -73,6 +73,6 @@ def test_a_plate_without_them_is_fitted_as_ever(
     assert found.fits == fit_wiring(sweeps).fits
 
 
-def test_too_few_points_tell_no_modes_beside() -> None:
+def test_too_few_points_show_no_neighbouring_modes() -> None:
     few = [AmplifierSweep(k, one.frequency_hz[::4], one.response_um_per_v[::4]) for k, one in enumerate(swept(plate()))]
     assert fit_wiring(few).parasitic_hz() == []

@@ -367,7 +367,7 @@ def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(b
     assert (found.entries[-1].code, found.entries[-1].value) == (CRASH, place)
 
 
-def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> None:
+def test_every_boot_has_another_identity_and_reports_its_cause(bench: Bench) -> None:
     """RM0090, 7.3.21; RM0440, 7.4.28; RM0433, 8.7.39: the flags of RCC_CSR or RCC_RSR."""
     identities, causes = set(), []
     known = {cause: flags for cause, flags in enumerate(bench.board.reset_flags, start=1) if flags is not None}

@@ -250,7 +250,7 @@ WHIMS: dict[str, Any] = {
 @pytest.mark.long
 @settings(max_examples=40)
 @given(st.lists(st.tuples(st.sampled_from([*WHIMS, "reset", "backwards"]), st.integers(1, 15)), max_size=5))
-def test_a_board_of_any_whims_is_driven_only_while_it_reports(
+def test_a_board_of_any_behaviour_is_driven_only_while_it_reports(
     whims: list[tuple[str, int]],
 ) -> None:
     stand, reported_us = Stand(SLIPPERY, STICKY), [0]

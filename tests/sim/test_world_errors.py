@@ -56,7 +56,7 @@ def test_fingers_of_a_person_differ_drift_and_depend_on_speed_and_force() -> Non
     assert (gains.min(), gains.max()) == pytest.approx((0.8 * 0.6 ** (1 / 6), 0.8 * 1.4 ** (1 / 6)), rel=1e-3)
 
 
-def test_perfect_knowledge_knows_the_person() -> None:
+def test_perfect_knowledge_has_the_person_s_curve() -> None:
     world = WorldErrors(friction_factor=0.7, skin=Skin(finger_ratio=1.2, speed_s_m=1.0), seed=2)
     for friction_targets in (False, True):
         settings = Settings(

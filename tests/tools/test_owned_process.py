@@ -53,7 +53,7 @@ def owned(owner: subprocess.Popen[str]) -> list[int]:
 
 
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGHUP, signal.SIGTERM])
-def test_a_service_and_its_rig_end_with_their_owner_however_that_dies(
+def test_a_service_and_its_rig_end_with_their_owner_however_that_ends(
     owner: subprocess.Popen[str], sign: signal.Signals, tmp_path: Path
 ) -> None:
     pids = owned(owner)

@@ -250,7 +250,7 @@ def test_a_hello_that_makes_no_sense_is_refused_by_its_field(field: str, value: 
         device.check_hello(dataclasses.replace(hello(), **{field: value}), modes=2, w_limit_um=(4.0, 4.0))
 
 
-def test_a_decoder_knows_which_messages_were_invalid() -> None:
+def test_a_decoder_reports_which_messages_were_invalid() -> None:
     decoder = device.Decoder()
     decoder.feed(frame(protocol.MSG_STATUS, STATUS))
     assert decoder.invalid_types == set()

@@ -153,7 +153,7 @@ def test_a_contact_far_from_all_before_is_a_new_one() -> None:
     assert places(first).keys().isdisjoint(places(second))
 
 
-def test_a_device_that_numbers_its_contacts_without_slots_is_believed() -> None:
+def test_tracking_numbers_of_a_device_without_slots_are_used() -> None:
     numbered = [axis(TRACKING_ID, 4), axis(POSITION_X, 2000), axis(POSITION_Y, 2000), SEPARATOR]
     (frame,) = frames(Decoder(SCREEN), numbered)
     assert places(frame) == {4: (0.0, 0.0)}

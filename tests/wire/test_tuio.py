@@ -89,7 +89,7 @@ def test_more_than_sixteen_contacts_are_sixteen_and_places_far_away_are_none() -
     assert list(places(received(Decoder(PAD), *many)[0])) == [31]
 
 
-def test_a_reset_forgets_the_contacts() -> None:
+def test_a_reset_drops_the_contacts() -> None:
     decoder = Decoder(PAD, AffineMap(0.0, -1.0, 1.0, 0.0))
     received(decoder, tuio1(5, {1: (0.75, 0.5)}))
     assert places(received(decoder, bundle())[0]) == {1: (0.0, 100.0)}

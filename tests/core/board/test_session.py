@@ -295,7 +295,7 @@ def test_a_time_of_another_clock_means_the_same(bench: Bench) -> None:
     assert bench.session.timer(bench.t_ns + 250 * MS) == [HelloRequest()]
 
 
-def test_a_pulled_plug_forgets_the_board_and_the_next_one_is_no_reboot(bench: Bench) -> None:
+def test_a_pulled_plug_resets_the_session_and_the_next_board_is_no_reboot(bench: Bench) -> None:
     bench.session.link_down()
     assert (bench.session.hello, bench.session.status, bench.session.ready) == (None, None, False)
     assert bench.run(500 * MS) == []
@@ -396,13 +396,13 @@ def test_of_references_held_back_the_newest_goes_out_once_the_board_read_one() -
     assert bench.session.resume(bench.t_ns) == []
 
 
-def test_an_answered_question_tells_references_that_were_lost_from_those_that_wait() -> None:
+def test_a_time_reply_separates_lost_references_from_waiting_ones() -> None:
     bench, (question,) = unanswered(3)
     bench.time_answer(question)
     assert kinds(bench.session.resume(bench.t_ns)) == [ReferenceFrame]
 
 
-def test_a_board_that_speaks_has_lost_what_it_does_not_name() -> None:
+def test_references_missing_from_an_acknowledgement_are_lost() -> None:
     bench, _ = unanswered(3)
     bench.session.status = None  # whose clock this bench does not care for
     bench.say(t_board_us=board_us(bench.t_ns))
@@ -419,7 +419,7 @@ def test_a_reference_held_back_until_it_was_past_is_not_sent_and_none_stands() -
     assert bench.session.follows(bench.t_ns)
 
 
-def test_a_board_that_fell_mute_hears_no_keep_alives_but_is_asked(bench: Bench) -> None:
+def test_a_silent_board_gets_no_keep_alives_but_a_time_request(bench: Bench) -> None:
     said = bench.run(900 * MS)
     assert max(t_ns for t_ns, command in said if isinstance(command, Keepalive)) <= START_NS + 300 * MS
     assert any(isinstance(command, TimeRequest) for t_ns, command in said if t_ns > START_NS + 300 * MS)

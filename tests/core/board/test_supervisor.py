@@ -60,7 +60,7 @@ def test_a_cleared_fault_returns_to_what_is_up_and_waits_for_a_touch() -> None:
     assert lost.handle(Event.LINK_UP, "back", 10) is State.ARMED  # the sensor was never gone
 
 
-def test_history_tells_what_changed_when_and_why_and_stays_short() -> None:
+def test_history_has_change_instant_and_reason_and_stays_short() -> None:
     supervisor = supervisor_after(Event.LINK_UP, Event.SENSOR_UP, Event.SENSOR_UP)
     supervisor.handle(Event.TOUCHED, "finger 3 has a target", 1234)
     last = supervisor.history[-1]

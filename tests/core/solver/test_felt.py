@@ -236,7 +236,7 @@ def test_for_any_ellipses_amplitudes_are_finite_and_within_the_exact_limits(
         assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(modal_um, LIMITS_UM, strict=True))
 
 
-def test_a_disc_that_a_pad_reports_gives_the_bits_of_a_disc_that_is_believed(plate: ModeShapes) -> None:
+def test_a_reported_disc_gives_the_bits_of_a_configured_disc(plate: ModeShapes) -> None:
     at = places(PAIR_MM, (1.0, 0.0))
     plain = solver(plate).solve(at, (0j,) * 4, MS)
     reported = solver(plate).solve(at, (0j,) * 4, MS, ellipses=[(5.0, 0.0, 5.0), None])

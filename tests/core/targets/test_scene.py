@@ -39,7 +39,7 @@ def wants(
 # --- one client -------------------------------------------------------------------------------------------------
 
 
-def test_a_message_replaces_all_that_the_same_client_wanted_before(scene: Scene) -> None:
+def test_a_message_replaces_all_earlier_targets_of_its_client(scene: Scene) -> None:
     scene.set_targets(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS)
     scene.set_targets(wants("a", {2: SLIPPERY}), T0_NS + 1)
     assert scene.amplitude_um(1, 0.0, 0.0) is None
@@ -152,7 +152,7 @@ steps = st.tuples(
 
 
 @given(st.lists(steps, max_size=20))
-def test_a_finger_always_has_one_living_owner_or_nobodys_target(
+def test_a_finger_always_has_one_connected_owner_or_no_target(
     history: list[tuple[str, dict[int, Content], dict[str, VirtualPath], int]],
 ) -> None:
     scene, t_ns = a_scene(), T0_NS

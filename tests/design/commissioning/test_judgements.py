@@ -63,7 +63,9 @@ def test_good_supply_passes_with_its_readings_and_what_is_unread_is_not_judged()
         ({"idle_v": (1.65, 1.3)}, ((Flaw.SENSOR_OFFSET,), (1,))),
     ],
 )
-def test_wrong_level_is_named(changes: dict[str, Any], found: tuple[tuple[Flaw, ...], tuple[int, ...]]) -> None:
+def test_each_wrong_supply_or_idle_level_is_named(
+    changes: dict[str, Any], found: tuple[tuple[Flaw, ...], tuple[int, ...]]
+) -> None:
     assert named(supply(replace(GOOD, **changes))) == [found]
 
 
@@ -87,7 +89,7 @@ def measured(noise_um: float, hum_um: float, hum_hz: float = 50.0) -> SensorsAtR
 
 
 @pytest.mark.parametrize("hum_hz", [50.0, 60.0])
-def test_hum_and_noise_are_told_apart(hum_hz: float) -> None:
+def test_hum_and_noise_are_distinguished(hum_hz: float) -> None:
     rest = measured(0.00025, 0.002, hum_hz)
     assert rest.hum_hz == hum_hz
     assert rest.hum_um == pytest.approx([0.002, 0.0], abs=1e-4)
@@ -174,7 +176,7 @@ def test_matrices_of_swapped_wires_do_not_pass() -> None:
         ([[0.8, np.nan], [0.8, 1.0]], [((Flaw.SUPPLY_LOW,), ())]),
     ],
 )
-def test_cut_off_sensor_is_told_from_a_weak_amplifier(
+def test_a_cut_off_sensor_is_distinguished_from_a_weak_amplifier(
     straight: list[list[float]], found: list[tuple[tuple[Flaw, ...], tuple[int, ...]]]
 ) -> None:
     assert named(judge_limits(np.array(straight), np.array([1.2, 1.2]))) == found

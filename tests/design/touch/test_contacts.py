@@ -41,7 +41,7 @@ def test_fingers_of_different_sizes_have_a_mean_that_is_known_as_well_as_each() 
     assert sigma_mm == pytest.approx(0.3 / np.sqrt(2.0))
 
 
-def test_two_sizes_tell_the_law_of_the_pads_ellipses() -> None:
+def test_two_sizes_give_the_law_of_the_pad_s_ellipses() -> None:
     radii_mm = np.tile((3.5, 6.5), 20)
     law = ellipse_law(sizes_of(radii_mm), (2.0 * radii_mm - LAW[1]) / LAW[0])
     assert law is not None

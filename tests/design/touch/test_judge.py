@@ -120,7 +120,7 @@ def test_fit_beyond_what_a_laboratory_meets_is_refused(
     ],
     ids=["as calibrated", "at rest", "short"],
 )
-def test_what_touches_do_not_tell_stays_as_it_is(touching: Touching, refusal: str) -> None:
+def test_parameters_that_touches_do_not_show_stay_as_they_are(touching: Touching, refusal: str) -> None:
     judged = calibrate(touching.windows(), mode_map())
     assert refusal in judged.refusal
     assert is_nominal(judged.calibration)

@@ -85,7 +85,9 @@ async def test_fingers_that_are_down_when_it_is_opened_are_seen_at_once(monkeypa
 
 
 @asynchronous
-async def test_after_dropped_events_all_slots_are_told_and_the_finger_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_after_dropped_events_all_slots_are_reported_and_the_finger_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     node, listener = FakeNode(), Listener()
     plugged(monkeypatch, node)
     source = EvdevTrackpad(clock_ns=lambda: 0)

@@ -60,7 +60,7 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER)
 """
 
 
-def test_at_the_soft_limit_the_priority_goes_and_the_process_lives() -> None:
+def test_at_the_soft_limit_the_priority_is_dropped_and_the_process_goes_on() -> None:
     done = subprocess.run([sys.executable, "-c", RUNAWAY, "guarded"], capture_output=True, text=True, check=False)
     if done.returncode == 77:
         pytest.skip("this user may not have real-time priority")

@@ -41,7 +41,7 @@ def test_frames_that_come_late_are_judged_by_their_share(
     assert sentence in verdict.sentence
 
 
-def test_few_frames_and_an_unsteady_link_want_a_look(in_time: MeasuredLatency) -> None:
+def test_few_frames_and_an_unsteady_link_are_a_warning(in_time: MeasuredLatency) -> None:
     few = delays.verdict(replace(in_time, lines=in_time.lines[:9]), Config(), is_simulated=True)
     assert (few.outcome, "Only 9 frames" in few.sentence) == (Outcome.WARN, True)
     unsteady = Histogram()

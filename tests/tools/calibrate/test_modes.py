@@ -120,7 +120,7 @@ def test_modes_that_amplifiers_move_are_used_and_the_others_are_compensated(
         read_scan(tmp_path / "scan.npz")
 
 
-def test_resonance_tells_modes_what_to_drive_and_what_is_compensated(tmp_path: Path) -> None:
+def test_resonance_names_modes_to_drive_and_to_compensate(tmp_path: Path) -> None:
     """The sensors of a copy see its undriven modes by a hundredth."""
     named = ["--sim", "--plate", "fingertip", "--copy", "17", "--out", str(tmp_path)]
     assert main(["calibrate", "resonance", *named, "--points", "21", "--dwell", "66"]) == 0

@@ -121,7 +121,7 @@ def test_positions_without_units_that_are_no_metres_need_the_unit(unit: str, per
     np.testing.assert_allclose(read_universal(path, unit).scan.points_mm, POINTS_MM, atol=1e-3)
 
 
-def test_the_step_reads_one(tmp_path: Path) -> None:
+def test_the_modes_step_reads_a_universal_file(tmp_path: Path) -> None:
     path = written(tmp_path, [nodes(1000.0)[1], *functions()], "SCAN.UNV")
     scan, _ = modes._read(argparse.Namespace(scan=path, unit="mm"))
     assert scan.readings.shape == (3, 2)

@@ -57,7 +57,7 @@ def test_a_key_that_protects_nothing_is_refused(tmp_path: Path, text: str, mode:
         program._key(path)
 
 
-def test_the_process_prints_an_address_that_works_and_ends_when_told_to(daemon: FakeDaemon) -> None:
+def test_the_process_prints_a_working_address_and_ends_on_request(daemon: FakeDaemon) -> None:
     async def greet(address: str) -> str:
         async with ClientSession() as session, session.ws_connect(address) as opened:
             await opened.send_str('{"v": 1, "id": 1, "op": "hello"}')

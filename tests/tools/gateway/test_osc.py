@@ -73,7 +73,7 @@ async def test_a_finger_is_held_while_its_sender_sends_and_then_released(
 
 
 @asynchronous
-async def test_who_follows_hears_of_fingers_and_a_marker_reaches_the_daemon(daemon: FakeDaemon) -> None:
+async def test_a_follower_gets_fingers_and_a_marker_reaches_the_daemon(daemon: FakeDaemon) -> None:
     daemon.fingers = {1: (-20.5, 4.0)}
     async with sender(daemon.directory) as program:
         await until(lambda: bool(daemon.markers), lambda: program.send("/hapticd/marker", "now"))

@@ -24,7 +24,7 @@ OWN = {"Host": "127.0.0.1:8017"}
         ),
     ],
 )
-def test_host_and_origin_decide(port: int, headers: dict[str, str], is_admitted: bool) -> None:
+def test_a_request_is_accepted_by_its_host_and_origin(port: int, headers: dict[str, str], is_admitted: bool) -> None:
     for needs_origin in (False, True):
         assert (application.refusal(port, headers, needs_origin=needs_origin) == "") == is_admitted
     assert application.refusal(8017, OWN, needs_origin=False) == ""  # a program, which brings the key
