@@ -201,10 +201,10 @@ def verdict(measured: MeasuredLatency) -> str:
     )
 
 
-def draw(measured: MeasuredLatency, path: Path, **style: int) -> None:
+def draw(measured: MeasuredLatency, path: Path, source: str = "", **style: int) -> None:
     """Draw each stage's distribution in a row of its own, along the way of a touch, below the verdict; `style` is that
     of `plotting.save`. Raises HapticdError."""
-    figure, ((axes,),) = plotting.subplots(9.0, 5.0)
+    figure, ((axes,),) = plotting.subplots(9.0, 5.0, source=source)
     axes.set(xscale="log", xlabel="ms", xlim=(_FROM_MS, _FROM_MS * 10**_DECADES), ylim=(len(STAGES) - 0.8, -1.0))
     right: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "va": "center", "fontsize": 9}
     axes.annotate("p50 / p99, ms", (1.01, -0.75), **right)

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> Verdict:
     from .. import latency  # late, with the daemon: half of the time in which the steps are listed
 
     measured = latency.measure(configured, options.seconds)
-    latency.draw(measured, options.out / "latency.png", **PICTURE)
+    latency.draw(measured, options.out / "latency.png", "simulated" if options.sim else "", **PICTURE)
     return verdict(measured, configured, is_simulated=options.sim)
 
 

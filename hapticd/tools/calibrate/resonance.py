@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the board named by `options`. Raises HapticdError."""
     with at_bench(options) as bench:
         hello, measured = bench.run(_sweep_on(bench, options))
-    sweep.draw(measured.sweeps, options.out / "resonance.png", **PICTURE)
+    sweep.draw(measured.sweeps, options.out / "resonance.png", "simulated" if options.sim else "", **PICTURE)
     found = BoardCalibration(measured.modes, drives_of(hello, measured.modes).set_hz)
     calibration.save(options.out / CALIBRATION_FILE, found)
     if measured.shown is not None:

@@ -159,9 +159,9 @@ def fitted(points: Sequence[SweepPoint], mode: int) -> ModeSweep:
         raise DeviceError(str(error)) from None
 
 
-def draw(sweeps: Sequence[ModeSweep], path: Path, **style: int) -> None:
+def draw(sweeps: Sequence[ModeSweep], path: Path, source: str = "", **style: int) -> None:
     """Draw amplitude and circle of all modes; `style` is that of `plotting.save`. Raises HapticdError."""
-    figure, ((amplitude, circle),) = plotting.subplots(9.0, 4.0, 1, 2)
+    figure, ((amplitude, circle),) = plotting.subplots(9.0, 4.0, 1, 2, source=source)
     for one in sweeps:
         curve_hz = np.linspace(one.frequency_hz.min(), one.frequency_hz.max(), CURVE_POINTS)
         fit, measured = 1e3 * one.fit.response(curve_hz), 1e3 * one.response_um_per_v

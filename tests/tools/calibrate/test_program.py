@@ -60,7 +60,7 @@ def test_every_step_leaves_a_verdict_a_picture_and_what_the_service_is_to_know(o
     for step, verdict in found.items():
         assert verdict.is_simulated
         if not steps()[step].is_of_bare_rig:
-            assert (out / f"{step}.png").read_bytes().startswith(b"\x89PNG")
+            assert b", simulated" in (out / f"{step}.png").read_bytes()[:200]  # the picture's title
         if step != "latency":
             assert verdict.outcome is Outcome.PASS, verdict.sentence
     assert {path.name for path in out.iterdir()} >= {"calibration.toml", "modes.npz", "hapticd.toml"}
