@@ -509,6 +509,8 @@ export interface FingerState {
   felt_friction_high: number | null;
   achieved_um_low: number | null;
   achieved_um_high: number | null;
+  error_jnd_low: number | null;
+  error_jnd_high: number | null;
   /** it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable difference: over its contact, on a plate that is driven for points at its centre */
   misses_target: boolean | null;
   /** whole axes of its contact, an ellipse; nil where the pad's ellipses are not used: then it is a disc */

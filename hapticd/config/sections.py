@@ -184,7 +184,7 @@ class UncertaintyConfig:
     place_mm: float = key(
         0.9,
         "of a contact's centre on each axis: the pad's place and centroids, and what its size makes uncertain; 0: "
-        "known, and trackpad.latency_ms too",
+        "known, and trackpad.latency_ms and the person too",
         low=0,
         high=10,
     )

@@ -18,7 +18,7 @@ from .plate.bicubic import POINT
 from .plate.contact import JUDGED_DISC, ContactEllipse, disc_points
 from .plate.mode_shapes import ModeShapes
 from .plate.splines import evaluate, perceive
-from .uncertainty import CERTAIN, Uncertainty, interval_um
+from .uncertainty import CERTAIN, COVERED_SIGMAS, Uncertainty, interval_um
 
 
 class ExpectedAmplitude(NamedTuple):
@@ -67,9 +67,10 @@ class ContactPerception:
         friction, amplitude = self._expected(self._many, modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipse)
         friction = min(friction, 1.0)  # rounding may add to bare glass's
         rms_um, low_um, high_um = amplitude
-        per = friction / self.curve.friction(
-            rms_um / speed_gain
-        )  # as the curve changes from one amplitude to the other
+        curve_um = COVERED_SIGMAS * self.uncertainty.curve_frac * rms_um
+        low_um = rms_um - math.hypot(rms_um - low_um, curve_um)
+        high_um = rms_um + math.hypot(high_um - rms_um, curve_um)
+        per = friction / self.curve.friction(rms_um / speed_gain)  # as the curve changes between these amplitudes
         low, high = per * self.curve.friction(high_um / speed_gain), per * self.curve.friction(low_um / speed_gain)
         return Felt(friction, min(low, friction), min(max(high, friction), 1.0), amplitude)
 
@@ -83,8 +84,7 @@ class ContactPerception:
         ellipse: ContactEllipse | None = None,
     ) -> ExpectedAmplitude:
         """Return the amplitude over a contact, or at a point, whose place has this variance on each axis."""
-        _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, ellipse)
-        return amplitude
+        return self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, ellipse)[1]
 
     def asked(self, target_um: float, speed_gain: float) -> float:
         """Return the friction that an amplitude asks for: that of the same amplitude all over the contact."""

@@ -10,6 +10,7 @@ map       standard deviation of each shape at each place, of its peak: its noise
 sensors   of each element of the matrix of sensors by modes: gain, phase and crosstalk.
 place     of the contact's centre on each axis: the pad's place, its centroid, and along the motion its latency. With
           what the predictor expects of its own error it makes the contact larger (`plate.contact`).
+curve     of the amplitude that this person's friction takes, relative: it makes only the friction uncertain.
 
 The errors of a contact are waves as long as the shapes', so that they add to r^2 as few independent numbers do: it is
 taken as gamma distributed, of the same mean and variance. In laboratories the interval holds 93 % of the time.
@@ -30,13 +31,13 @@ class Uncertainty(NamedTuple):
     sensors_frac: float = 0.0
     place_mm: float = 0.0
     latency_s: float = 0.0
+    curve_frac: float = 0.0
 
     def place_mm2(self, predicted_mm2: float, speed_mm_s: float) -> float:
         """Return the variance of a contact's place on each axis, of a finger at this speed; `predicted_mm2` is what the
         predictor expects of its own error, NaN if it does not know."""
-        along_mm = self.latency_s * speed_mm_s
         known_mm2 = predicted_mm2 if predicted_mm2 > 0.0 else 0.0
-        return known_mm2 + self.place_mm * self.place_mm + 0.5 * along_mm * along_mm
+        return known_mm2 + self.place_mm**2 + 0.5 * (self.latency_s * speed_mm_s) ** 2
 
 
 CERTAIN: Final = Uncertainty()

@@ -193,18 +193,21 @@ class Perception:
 
     def _perceived(self, felt_only: Perceived, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude) -> Perceived:
         curve, change = self._contacts.curve, self._changes[point.key]
+        asked, errors_jnd = felt.friction / (1.0 + change), dict[str, float]()
         if self._has_contacts:
             gets_um, off_jnd = felt.amplitude.rms_um, change / WEBER_FRAC
+            low_jnd, high_jnd = [(friction / asked - 1.0) / WEBER_FRAC for friction in (felt.low, felt.high)]
+            errors_jnd = {"error_jnd": off_jnd, "error_jnd_low": low_jnd, "error_jnd_high": high_jnd}
         else:
             gets_um = achieved.rms_um
             off_jnd = (curve.friction(gets_um) / curve.friction(point.target_um) - 1.0) / WEBER_FRAC
         return msgspec.structs.replace(
             felt_only,
             friction_change=change,
-            error_jnd=off_jnd if self._has_contacts else None,
             achieved_um_low=achieved.low_um,
             achieved_um_high=achieved.high_um,
             misses_target=gets_um < LEAST_SHARE * point.target_um or abs(off_jnd) > 1.0,
+            **errors_jnd,
             **self._tallies[point.key].figures(),
         )
 

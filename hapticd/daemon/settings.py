@@ -7,7 +7,7 @@ from functools import partial
 
 from ..board_protocol import KNOTS_MAX, REFERENCE
 from ..config.sections import LEAST_CONTACT_MODES, Config
-from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from ..core.friction import FrictionCurve
 from ..core.pipeline import PipelineSettings
 from ..core.prediction.motion import AdaptivePredictor
 from ..core.prediction.pad_memory import PadMemory
@@ -16,6 +16,7 @@ from ..values import AffineMap
 
 MOST_KNOTS = 16  # in one reference frame without effects
 LATENCY_SIGMA_S = 1.7e-3  # of trackpad.latency_ms
+PERSONS_FRAC, MATCHED_FRAC = 0.2, 0.06  # of the amplitude for a friction, by the built-in curve and a measured one
 SILENCE_NS = 40_000_000  # fingers count as lifted after it without a report, of a slow pad after 3.5 periods
 RIG_SILENCE_NS = 1_000_000_000  # a loaded host that stalls the simulated pad must not lift its fingers
 LONGEST_FRAME_S = 0.003
@@ -84,15 +85,15 @@ def friction_curve(config: Config) -> FrictionCurve:
     speed_mm_s = plate.friction_speed_mm_s or math.inf
     if plate.friction_curve:
         return FrictionCurve.from_amplitudes(plate.friction_curve, plate.friction_floor_frac, speed_mm_s)
-    if speed_mm_s == math.inf:
-        return DEFAULT_FRICTION_CURVE
     return FrictionCurve.exponential(speed_mm_s=speed_mm_s)
 
 
 def uncertainty(config: Config) -> Uncertainty:
-    """Return what is not known of plate, sensors and pad."""
-    of = config.uncertainty
-    return Uncertainty(of.map_frac, of.sensors_frac, of.place_mm, LATENCY_SIGMA_S if of.place_mm > 0.0 else 0.0)
+    """Return what is not known of plate, sensors, pad and person."""
+    of, curve_frac = config.uncertainty, MATCHED_FRAC if config.plate.friction_curve else PERSONS_FRAC
+    if of.place_mm == 0.0:
+        return Uncertainty(of.map_frac, of.sensors_frac)
+    return Uncertainty(of.map_frac, of.sensors_frac, of.place_mm, LATENCY_SIGMA_S, curve_frac)
 
 
 def plate_from_pad(config: Config) -> AffineMap:

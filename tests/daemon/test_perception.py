@@ -123,6 +123,17 @@ def test_what_is_not_known_is_expected_of_the_pass_s_amplitudes_too() -> None:
         assert one.achieved_um_low < point.achieved_um < one.achieved_um_high
 
 
+def test_how_persons_differ_makes_frictions_and_errors_unsure_but_no_amplitude() -> None:
+    given = Given(1.0)
+    one = perception_of(given, expected=Uncertainty(curve_frac=0.1)).judge(given.tick(0))[1][1]
+    frictions = [CURVE.friction(1.0 + share) for share in (0.1645, 0.0, -0.1645)]
+    said = [one.felt_friction_low, one.felt_friction, one.felt_friction_high]
+    assert said == pytest.approx([CURVE.friction_frac(friction) for friction in frictions], abs=1e-3)
+    errors_jnd = [(friction / 0.6 - 1.0) / 0.11 for friction in frictions]
+    assert [one.error_jnd_low, one.error_jnd, one.error_jnd_high] == pytest.approx(errors_jnd, abs=0.01)
+    assert one.contact_um_low == pytest.approx(one.contact_um_high)
+
+
 def test_an_ellipse_is_reported_with_its_axes_and_amplitudes_count_over_it() -> None:
     """Along x, across the waves of mode X, more of it is off the crest than along y."""
     turned_rad, cosine, sine = 0.4, math.cos(0.4), math.sin(0.4)

@@ -17,8 +17,8 @@ class Perceived(Struct, frozen=True, kw_only=True):
     """What a person perceives at a finger, when the newest sample of it was taken: there its place is measured and the
     plate follows its reference, or moves as the board measures where its voltage ends. What the daemon does not know of
     its mode map, sensors and pad is expected, in quadrature, by section `uncertainty` of its configuration; `_low` and
-    `_high` are where the value lies in nine of ten cases, by the same. Not in it: what the amplifiers put into undriven
-    modes, and how the person's friction differs from the daemon's curve: it judges by its own belief of the person."""
+    `_high` are where the value lies in nine of ten cases, by the same and by how much persons' frictions differ from
+    the daemon's curve. Not in it: what the amplifiers put into undriven modes."""
 
     friction_change: float | None = None
     """its friction over that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery than
@@ -45,6 +45,8 @@ class Perceived(Struct, frozen=True, kw_only=True):
     felt_friction_high: float | None = None
     achieved_um_low: float | None = None
     achieved_um_high: float | None = None
+    error_jnd_low: float | None = None
+    error_jnd_high: float | None = None
     misses_target: bool | None = None
     """it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable
     difference: over its contact, on a plate that is driven for points at its centre"""
