@@ -177,6 +177,7 @@ class Perception:
         """Return what is perceived at a finger without a target, and how the pad reports it; None is not on the pad."""
         curve = self._contacts.curve
         major_mm, minor_mm, angle_rad = (None, None, None) if ellipse is None else axes(ellipse)
+        area_mm2 = 0.0 if finger is None else 0.25 * math.pi * finger.major_mm * finger.minor_mm
         return Perceived(
             contact_um=felt.amplitude.rms_um,
             contact_um_low=felt.amplitude.low_um,
@@ -188,7 +189,7 @@ class Perception:
             contact_minor_mm=minor_mm,
             contact_angle_rad=angle_rad,
             pressure_frac=None if finger is None else finger.pressure_frac,
-            area_mm2=None if finger is None else _area_mm2(finger),
+            area_mm2=area_mm2 if area_mm2 > 0.0 else None,
         )
 
     def _perceived(self, felt_only: Perceived, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude) -> Perceived:
@@ -210,9 +211,3 @@ class Perception:
             **errors_jnd,
             **self._tallies[point.key].figures(),
         )
-
-
-def _area_mm2(finger: Finger) -> float | None:
-    """Return the area of the ellipse that the pad reports, None without one."""
-    area_mm2 = 0.25 * math.pi * finger.major_mm * finger.minor_mm
-    return area_mm2 if area_mm2 > 0.0 else None
