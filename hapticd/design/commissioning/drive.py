@@ -10,7 +10,7 @@ from .findings import Diagnosis, Flaw, Judgement
 
 FOLLOWED_FRAC: Final = 0.05  # of the amplitude asked for
 VOLTS_FRAC: Final = (0.7, 1.4)  # of what the calibration says
-FELT_FRAC: Final = 1.05  # of the volts without a finger: far beyond the loop's noise
+FELT_FRAC: Final = 0.05  # of the volts without a finger, as phasors: off resonance a finger's add in quadrature
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class HeldMode:
     asked_um: float
     mean_um: float
     deviation_um: float
-    volts_v: float
+    volts_v: complex
     expected_v: float
 
 
@@ -56,28 +56,28 @@ def judge_loop(held: Sequence[HeldMode], fault: str) -> Judgement:
     findings = [*_faults(fault)]
     for mode, one in enumerate(held):
         off = abs(one.mean_um - one.asked_um) / one.asked_um
-        share = one.volts_v / one.expected_v
+        share = abs(one.volts_v) / one.expected_v
         if off > FOLLOWED_FRAC:
             where = f"Mode {mode} is at {one.mean_um:.3f} um where {one.asked_um:g} um were asked for."
             findings.append(Diagnosis(where, (), (mode,)))
         elif not VOLTS_FRAC[0] <= share <= VOLTS_FRAC[1]:
             takes = (
-                f"Mode {mode} takes {one.volts_v:.1f} V for {one.asked_um:g} um, where its calibration says "
+                f"Mode {mode} takes {abs(one.volts_v):.1f} V for {one.asked_um:g} um, where its calibration says "
                 f"{one.expected_v:.1f}: its sensor is cut off, or something lies on the plate."
             )
             findings.append(Diagnosis(takes, (Flaw.PREAMPLIFIER_CLIPS,), (mode,)))
     figures = [
-        (f"mode {k}", f"{one.mean_um:.4f} um, {1e3 * one.deviation_um:.1f} nm about it, {one.volts_v:.1f} V")
+        (f"mode {k}", f"{one.mean_um:.4f} um, {1e3 * one.deviation_um:.1f} nm about it, {abs(one.volts_v):.1f} V")
         for k, one in enumerate(held)
     ]
     return Judgement("Every mode follows its reference.", tuple(findings), tuple(figures))
 
 
-def judge_touch(still_v: float, touched_v: float, fault: str) -> Judgement:
+def judge_touch(still_v: complex, touched_v: complex, fault: str) -> Judgement:
     """Judge a finger on the driven plate by the volts that hold its amplitude; `fault` as in `judge_loop`."""
-    figures = (("volts", f"{still_v:.1f} V without a finger, {touched_v:.1f} V with one"),)
+    figures = (("volts", f"{abs(still_v):.1f} V without a finger, {abs(touched_v):.1f} V with one"),)
     unfelt = Diagnosis("The finger does not show in the volts: press more firmly, on a place where the plate moves.")
-    findings = () if touched_v >= FELT_FRAC * still_v else (unfelt,)
+    findings = () if abs(touched_v - still_v) >= FELT_FRAC * abs(still_v) else (unfelt,)
     passed = "The finger damps the plate, and the loop holds its amplitude."
     return Judgement(passed, (*_faults(fault), *findings), figures)
 

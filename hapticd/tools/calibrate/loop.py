@@ -114,7 +114,7 @@ class _Loop:
             amplitude_um,
             abs(mean),
             float(np.sqrt((np.abs(measured - mean) ** 2).mean())),
-            abs(complex(volts.mean())),
+            complex(volts.mean()),
             max(voltage_v(one, drive_hz, amplitude_um), math.ulp(1.0)),
         )
 

@@ -200,6 +200,7 @@ def test_a_cut_off_sensor_is_distinguished_from_a_weak_amplifier(
         (judge_touch(10.0, 10.1, ""), "does not show in the volts"),
         (judge_touch(10.0, 12.0, "it swings"), "it swings"),
         (judge_touch(10.0, 12.0, ""), ""),
+        (judge_touch(1.2 + 12.4j, 3.0 + 12.4j, ""), ""),  # far from the resonance
     ],
 )
 def test_interlocks_loop_and_touch_pass_only_where_all_is_right(judgement: Judgement, sentence: str) -> None:
