@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from chromium import browser  # noqa: F401
+from chromium import browser, chromium  # noqa: F401
 from fake_daemon import FakeDaemon
 from gateway_process import gateway_process, served_files
 from selenium.webdriver import ActionChains, Chrome

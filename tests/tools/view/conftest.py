@@ -5,6 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from chromium import browser  # noqa: F401
+from chromium import browser, chromium  # noqa: F401
 
 sys.path.insert(0, str(Path(__file__).parent))
