@@ -8,7 +8,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable
-from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import __version__
@@ -66,7 +66,7 @@ def _bench(options: argparse.Namespace) -> None:
     for name in chosen:
         minutes = PARTS[name].minutes * ((options.worlds or WORLDS) / WORLDS if name == "worlds" else 1.0)
         print(f"measuring {name}, about {minutes:g} min ...", file=sys.stderr)
-        tables = runners(options)[name]()
+        tables = measure(name, options)
         figures[name] = {table.name: plain(table) for table in tables}
         for table in tables:
             print(render(table), end="\n\n", file=out, flush=True)
@@ -75,20 +75,10 @@ def _bench(options: argparse.Namespace) -> None:
         outputs.write_text(json.dumps(written, indent=2, allow_nan=False) + "\n", options.json)
 
 
-def runners(options: argparse.Namespace) -> dict[str, Callable[[], tuple[Table, ...]]]:
-    """Return what runs each part, by name."""
-    from . import felt, firmware, modes, persons, prediction, solver, tick, worlds
-
-    return {
-        "modes": modes.run,
-        "prediction": prediction.run,
-        "solver": solver.run,
-        "tick": tick.run,
-        "felt": felt.run,
-        "firmware": firmware.run,
-        "persons": persons.run,
-        "worlds": partial(worlds.run, options.worlds or WORLDS, campaign=campaigns.of(options)),
-    }
+def measure(name: str, options: argparse.Namespace) -> tuple[Table, ...]:
+    """Run a part, the module of its name."""
+    run: Callable[..., tuple[Table, ...]] = import_module(f".{name}", __package__).run
+    return run(options.worlds or WORLDS, campaign=campaigns.of(options)) if name == APART else run()
 
 
 def _machine() -> dict[str, str | int]:
