@@ -176,6 +176,15 @@ class Chip:
         return self.name
 
 
+def _crc_of_byte(value: int) -> int:
+    for _ in range(8):
+        value = value << 1 ^ (0x104C11DB7 if value >> 31 else 0)
+    return value
+
+
+_CRC = [_crc_of_byte(byte << 24) for byte in range(256)]
+
+
 class Registers:
     """`values` by name, `trace` of all writes in order; `now_us` is set by whoever lets time pass."""
 
@@ -218,7 +227,6 @@ class Registers:
             "SCB.AIRCR": self._system_reset,
             "SCB.ICSR": self._pend_tick,
             "CRC.CR": lambda _: self.values.__setitem__("CRC.DR", 0xFFFFFFFF),
-            "CRC.DR": self._crc,
         }
         for name in names:
             block, register = name.split(".")
@@ -283,9 +291,11 @@ class Registers:
 
     def write(self, address: int, size: int, value: int) -> None:
         name = self.names[address]
+        if name == "CRC.DR" and size == 4:  # each word of the flash
+            self._crc(value)
+            return
         assert size == (1 if name.startswith("NVIC.IPR") else 4), f"{name} was written as {size} bytes"
-        if name != "CRC.DR":
-            self.trace.append((name, value))
+        self.trace.append((name, value))
         self._effects.get(name, lambda v: self.values.__setitem__(name, v))(value)
 
     def _clock_control(self, value: int) -> None:
@@ -358,10 +368,10 @@ class Registers:
 
     def _crc(self, word: int) -> None:
         """RM0090, 4: the polynomial of Ethernet, the highest bit first."""
-        value = self["CRC.DR"] ^ word
-        for _ in range(32):
-            value = value << 1 ^ (0x104C11DB7 if value >> 31 else 0)
-        self["CRC.DR"] = value
+        value = self.values["CRC.DR"] ^ word
+        for _ in range(4):
+            value = value << 8 & 0xFFFFFFFF ^ _CRC[value >> 24]
+        self.values["CRC.DR"] = value
 
     def _forget_interrupt(self, _: int) -> None:
         self.pending = False

@@ -2,8 +2,8 @@
 
     w'' + 2 sigma w' + w0^2 w = 2 w_drive g v        per mode, in um and V, v held for a sample
 
-Each is one complex pole, so a chunk is one recursive filter, exact for a held input. The amplifiers clip. Left out: the
-amplifiers' and sensors' own bandwidth, the converters' settling and their errors other than rounding and noise.
+Each is one complex pole, so a chunk is one matrix for each mode, exact for a held input. The amplifiers clip. Left
+out: the amplifiers' and sensors' own bandwidth, the converters' settling, their errors but for rounding and noise.
 """
 
 from __future__ import annotations
@@ -11,15 +11,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 SAMPLE_S = 1e-6
 DRIVE_HZ = 29205.0
 STEPS = 4096
 STEP_V = 3.3 / STEPS
+
+
+class _Response(NamedTuple):
+    """Of a chunk of n samples, what each mode's state before it (M, n + 1), and each voltage (M, n + 1, n), make at the
+    beginning of each sample and at the end; and (M,) how both go on until the sensor looks."""
+
+    key: tuple[float, ...]
+    powers: npt.NDArray[np.complex128]
+    to_volts: npt.NDArray[np.complex128]
+    later: npt.NDArray[np.complex128]
+    per_volt: npt.NDArray[np.complex128]
 
 
 @dataclass(slots=True)
@@ -35,12 +46,13 @@ class Plate:
     noise_steps: float = 0.5
     seed: int = 1
     sample_s: float = SAMPLE_S
-    _state: list[npt.NDArray[np.complex128]] = field(init=False)
+    _state: npt.NDArray[np.complex128] = field(init=False)
+    _response: _Response | None = field(init=False, default=None)
     _held: npt.NDArray[np.uint16] = field(init=False)
     _random: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
-        self._state = [np.zeros(1, dtype=np.complex128) for _ in self.mode_hz]
+        self._state = np.zeros(len(self.mode_hz), dtype=np.complex128)
         self._held = np.full((1, len(self.mode_hz)), 0x800, dtype=np.uint16)
         self._random = np.random.default_rng(self.seed)
 
@@ -61,28 +73,33 @@ class Plate:
         Im: its quadrature.
         Without `connected` the amplifiers give nothing.
         """
-        played = np.concatenate((self._held, words[:-1]))
+        played = np.concatenate((self._held, words[:-1])).T
         self._held = words[-1:]
-        n = len(words)
-        sampled = np.zeros_like(words)
-        motion_um = np.zeros(words.shape, dtype=np.complex128)
+        asked_v = (played - STEPS / 2) * STEP_V * self.amplifier_v_per_v
+        voltage_v = asked_v.clip(-self.amplifier_limit_v, self.amplifier_limit_v) if connected else 0.0 * asked_v
         delays = np.broadcast_to(delay_frac, len(self.mode_hz))
-        for k in range(len(self.mode_hz)):
-            asked_v = (played[:, k].astype(np.float64) - STEPS / 2) * STEP_V * self.amplifier_v_per_v
-            voltage_v = np.clip(asked_v, -self.amplifier_limit_v, self.amplifier_limit_v) if connected else np.zeros(n)
-            motion_um[:, k] = self._resonator(k, voltage_v, float(delays[k]))
-            steps = motion_um[:, k].real / (self.sensor_um_per_v * STEP_V) + self._random.normal(0, self.noise_steps, n)
-            sampled[:, k] = np.clip(np.rint(steps + STEPS / 2), 0, STEPS - 1).astype(np.uint16)
-        return sampled, motion_um
+        key = (len(words), self.sample_s, *delays.tolist())
+        if self._response is None or self._response.key != key:
+            self._response = self._responding(key, delays)
+        of = self._response
+        begun = of.powers * self._state[:, None] + (of.to_volts @ voltage_v[..., None])[..., 0]
+        self._state = begun[:, -1]
+        motion_um = (begun[:, :-1] * of.later[:, None] + of.per_volt[:, None] * voltage_v).T
+        noise = self._random.normal(0, self.noise_steps, voltage_v.shape).T
+        steps = motion_um.real / (self.sensor_um_per_v * STEP_V) + noise
+        return np.rint(steps + STEPS / 2).clip(0, STEPS - 1).astype(np.uint16), motion_um
 
-    def _resonator(self, k: int, voltage_v: npt.NDArray[np.float64], delay_frac: float) -> npt.NDArray[np.complex128]:
-        """z' = lambda z + b v with w = Re z, `delay_frac` of a sample after each hold began."""
-        decay_1_s = self.decay_1_s(k)
-        free_rad_s = math.sqrt((2 * math.pi * self.mode_hz[k]) ** 2 - decay_1_s**2)
-        pole_1_s = complex(-decay_1_s, free_rad_s)
-        per_volt = 2 * (2 * math.pi * DRIVE_HZ) * self.gain_um_per_v_s(k) / (1j * free_rad_s)
-        step = np.exp(pole_1_s * self.sample_s)
-        weight = per_volt * (step - 1) / pole_1_s
-        begun, self._state[k] = lfilter([0, weight], [1, -step], voltage_v, zi=self._state[k])
-        later = np.exp(pole_1_s * self.sample_s * delay_frac)
-        return begun * later + per_volt * (later - 1) / pole_1_s * voltage_v
+    def _responding(self, key: tuple[float, ...], delays: npt.NDArray[np.float64]) -> _Response:
+        """z' = lambda z + b v with w = Re z, `delays` of a sample after each hold began."""
+        modes, n = range(len(self.mode_hz)), int(key[0])
+        decay_1_s = np.array([self.decay_1_s(k) for k in modes])
+        free_rad_s = np.sqrt((2 * math.pi * np.array(self.mode_hz)) ** 2 - decay_1_s**2)
+        pole_1_s = -decay_1_s + 1j * free_rad_s
+        gains = np.array([self.gain_um_per_v_s(k) for k in modes])
+        per_volt = 2 * (2 * math.pi * DRIVE_HZ) * gains / (1j * free_rad_s)
+        powers = np.exp(pole_1_s[:, None] * self.sample_s * np.arange(n + 1))
+        weight = per_volt * (powers[:, 1] - 1) / pole_1_s
+        age = np.arange(n + 1)[:, None] - 1 - np.arange(n)  # of each held voltage at each sample
+        to_volts = np.where(age < 0, 0.0, weight[:, None, None] * powers[:, age])
+        later = np.exp(pole_1_s * self.sample_s * delays)
+        return _Response(key, powers, to_volts, later, per_volt * (later - 1) / pole_1_s)
