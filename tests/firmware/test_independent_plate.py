@@ -99,7 +99,7 @@ def test_a_lead_that_breaks_while_next_to_nothing_is_asked_does_not_either(modes
     assert cases(modes, "floating", 1, seed)[0].peak <= 1.6
 
 
-@pytest.mark.parametrize(("modes", "count"), [(4, 80), pytest.param(2, 600, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("modes", "count"), [(4, 80), pytest.param(2, 150, marks=pytest.mark.long)])
 def test_a_turned_bit_leaves_neither_an_amplitude_nor_a_voltage_far_above_its_limit(
     modes: int, count: int, cases: Cases
 ) -> None:

@@ -184,10 +184,10 @@ def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench, mod
     """Amplifiers and sensors add no phase here: what is left is from what a sensor saw to the middle of the word that
     answers it."""
     f_hz = Plate().mode_hz[mode]
-    bench.to_board += device.encode(Sweep(mode, f_hz - 50.0, f_hz + 50.0, points=9, dwell_ms=40, voltage_v=15.0))
-    bench.hold(390)
+    bench.to_board += device.encode(Sweep(mode, f_hz - 50.0, f_hz + 50.0, points=6, dwell_ms=40, voltage_v=15.0))
+    bench.hold(270)
     points = [message for message in bench.messages if isinstance(message, SweepPoint)]
-    assert [point.index for point in points] == list(range(9))
+    assert [point.index for point in points] == list(range(6))
     assert not bench.amplifiers
     assert bench.at_mid_rail
     response = np.array([point.measured_um[mode] / point.voltage_v for point in points])
@@ -200,7 +200,7 @@ def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench, mod
 
 def test_all_modes_are_driven_as_asked_and_measured_as_they_move(bench: Bench) -> None:
     bench.arm(*ASKED_UM)
-    bench.hold(120)
+    bench.hold(60)
     held(bench, *ASKED_UM)
     assert bench.status.measured_um == pytest.approx(ASKED_UM[: bench.board.modes], abs=0.02)
     assert not bench.log().entries
@@ -214,7 +214,7 @@ def test_a_silent_host_ends_in_mid_rail_with_the_amplifiers_off(bench: Bench) ->
     bench.run(RAMP_MS + 3)
     assert bench.at_mid_rail
     assert not bench.amplifiers
-    bench.run(100)
+    bench.run(DEADMAN_MS + RAMP_MS + 3)
     assert bench.status.deadman_trips == 1
 
 
@@ -313,8 +313,8 @@ def test_a_chunk_filled_too_late_is_a_lost_one(bench: Bench, moment: str) -> Non
 def test_a_chunk_may_interrupt_the_main_loop_anywhere_outside_the_lock(bench: Bench) -> None:
     """The same frames, with the interrupt at random places: the plate ends where it should, and no frame is lost."""
     rng = np.random.default_rng(5)
-    for i in range(40):
-        bench.reference(*[(4.0 * k, (1.0 + 0.02 * k, 0.5j)) for k in range(1 + i % 24)])
+    for i in range(16):
+        bench.reference(*[(4.0 * k, (1.0 + 0.02 * k, 0.5j)) for k in range(1 + 3 * i % 24)])
         for _ in range(200):
             bench.convert()
             done = bench.come_round(instructions=int(rng.integers(1, 3000)))
@@ -324,17 +324,8 @@ def test_a_chunk_may_interrupt_the_main_loop_anywhere_outside_the_lock(bench: Be
             if not done:
                 bench.come_round()
     assert bench.status.bad_frames == 0
-    assert bench.status.seq == 40
+    assert bench.status.seq == 16
     assert bench.amplitudes_um(1)[:, 1] == pytest.approx(0.5, abs=0.02)
-
-
-def test_without_its_crystal_the_board_runs_from_the_internal_oscillator(board: Chip) -> None:
-    registers = board.registers(crystal=False)
-    Bench(board, registers=registers)
-    mask, crystal = board.pll_from_crystal
-    assert registers[board.pll_source] & mask != crystal
-    assert registers["RCC.CFGR"] == Bench(board).registers["RCC.CFGR"]
-    assert registers.reads < 60_000, "the wait is bounded"
 
 
 def test_without_samples_the_main_loop_stays_awake_to_say_so(board: Chip) -> None:

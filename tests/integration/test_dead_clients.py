@@ -17,8 +17,8 @@ from test_floods import served_over_both
 
 from hapticd_client import PlateState
 
-CLIENTS = 16
-SENDING_S = 3.0
+CLIENTS = 6
+SENDING_S = 1.5
 
 pytestmark = pytest.mark.long
 
