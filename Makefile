@@ -13,7 +13,7 @@ TESTS := $(VENV)/.tests
 LINT := $(VENV)/.lint
 DOCS := $(VENV)/.docs
 
-.PHONY: demo test test-all coverage fuzz lint bench firmware docs view-picture lock version clean
+.PHONY: demo test test-all coverage fuzz lint bench firmware docs view-picture lock version clean uncompiled
 
 # The first demo runs as Python, for machine code takes longer to build than all else; `make test` builds it.
 demo: $(if $(wildcard $(HAPTICD)),$(HAPTICD),$(PURE))
@@ -104,8 +104,9 @@ $(HAPTICD): pyproject.toml $(PACKAGES) $(COMPILED)
 	$(INSTALL)
 	touch $@
 
-$(TESTS): $(HAPTICD) .lock/test.txt clients/study/pyproject.toml
-	$(LOCKED) .lock/test.txt
+# Where nothing is compiled yet, packages are unpacked while one processor compiles the touch path.
+$(TESTS): $(or $(wildcard $(HAPTICD)),uncompiled) $(PACKAGES) .lock/test.txt clients/study/pyproject.toml
+	$(MAKE) --no-print-directory $(HAPTICD) & compiled=$$!; $(LOCKED) .lock/test.txt && wait $$compiled
 	$(PIP) --no-build-isolation --no-deps --editable clients/study
 	touch $@
 

@@ -41,7 +41,7 @@ settings.register_profile("new-each-time", settings.get_profile("same-each-time"
 settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
 
 OF_A_CALLER = ("HAPTICD_RUNTIME_DIR", "RUNTIME_DIRECTORY", "NOTIFY_SOCKET", "WATCHDOG_USEC", "JOURNAL_STREAM")
-OF_HOME = {"HOME": "", "XDG_RUNTIME_DIR": "run", "MPLCONFIGDIR": "plots", "DASK_TEMPORARY_DIRECTORY": "dask"} | {
+OF_HOME = {"HOME": "", "XDG_RUNTIME_DIR": "run", "DASK_TEMPORARY_DIRECTORY": "dask"} | {
     f"XDG_{kind}_HOME": kind.lower() for kind in ("CACHE", "CONFIG", "DATA", "STATE")
 }
 
@@ -59,6 +59,7 @@ def pytest_configure(config: pytest.Config) -> None:
         path = own / "home" / folder
         path.mkdir(parents=True, exist_ok=True, mode=0o700)
         os.environ[name] = str(path)
+    os.environ["MPLCONFIGDIR"] = f"{sys.prefix}/plots"  # each list of fonts takes more than a second to make
     own.chmod(0o711)
     os.environ["TMPDIR"] = tempfile.tempdir = str(own)
     for name in OF_A_CALLER:

@@ -35,7 +35,7 @@ def said() -> dict[str, str]:
     """By scenario a digest of all that is written to the board and published, and how much it is."""
     digests = {}
     for name, plate, changes in (*((name, POINTS, ({}, TIGHT)) for name in PLAYED), ("strokes", CONTACTS, ({},))):
-        seconds = 1.0 if plate is POINTS else 0.5  # as Python, contacts take a hundred times as long
+        seconds = 0.8 if plate is POINTS else 0.5  # as Python, contacts take a hundred times as long
         recording = record(SCENARIOS[name].build(3, 130.0), settings=plate, seed=3, seconds=seconds)
         config = scheme_config(plate)
         for pipeline in changes:

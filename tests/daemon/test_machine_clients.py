@@ -51,7 +51,7 @@ def held(*, is_running: bool = False) -> Bench:
 
 
 @given(attacks=st.lists(ATTACKS, min_size=1, max_size=4))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_no_message_of_another_user_changes_what_a_held_finger_is_to_get(attacks: list[dict[str, Any]]) -> None:
     bench = held()
     before = [bench.machine.scene.target_of(finger) for finger in (1, 2)]

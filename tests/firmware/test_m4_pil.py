@@ -200,7 +200,7 @@ def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench, mod
 
 def test_all_modes_are_driven_as_asked_and_measured_as_they_move(bench: Bench) -> None:
     bench.arm(*ASKED_UM)
-    bench.hold(60)
+    bench.hold(120)
     held(bench, *ASKED_UM)
     assert bench.status.measured_um == pytest.approx(ASKED_UM[: bench.board.modes], abs=0.02)
     assert not bench.log().entries
@@ -313,8 +313,8 @@ def test_a_chunk_filled_too_late_is_a_lost_one(bench: Bench, moment: str) -> Non
 def test_a_chunk_may_interrupt_the_main_loop_anywhere_outside_the_lock(bench: Bench) -> None:
     """The same frames, with the interrupt at random places: the plate ends where it should, and no frame is lost."""
     rng = np.random.default_rng(5)
-    for i in range(16):
-        bench.reference(*[(4.0 * k, (1.0 + 0.02 * k, 0.5j)) for k in range(1 + 3 * i % 24)])
+    for i in range(28):
+        bench.reference(*[(4.0 * k, (1.0 + 0.02 * k, 0.5j)) for k in range(1 + i % 24)])
         for _ in range(200):
             bench.convert()
             done = bench.come_round(instructions=int(rng.integers(1, 3000)))
@@ -324,7 +324,7 @@ def test_a_chunk_may_interrupt_the_main_loop_anywhere_outside_the_lock(bench: Be
             if not done:
                 bench.come_round()
     assert bench.status.bad_frames == 0
-    assert bench.status.seq == 16
+    assert bench.status.seq == 28
     assert bench.amplitudes_um(1)[:, 1] == pytest.approx(0.5, abs=0.02)
 
 

@@ -205,9 +205,9 @@ def test_a_handshake_that_cannot_end_is_one_sentence_within_2_s_and_in_the_statu
     assert named in sentence
     reported = stand.status.get("refused") or stand.status["lacking"]
     assert sentence.endswith(reported)
-    stand.run(2000)
+    stand.run(500)
     assert said(caplog) == [sentence]
-    assert stand.references(4000) == 0
+    assert stand.references(2500) == 0
     assert stand.outsider.state == outsider.QUIET
 
 

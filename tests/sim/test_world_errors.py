@@ -62,7 +62,7 @@ def test_perfect_knowledge_has_the_person_s_curve() -> None:
         settings = Settings(
             plate=replace(PlateSettings.of("wide"), world=world), motion="real", friction_targets=friction_targets
         )
-        known = perfect(lockstep.run("strokes", settings=settings, seconds=2.0)).score
+        known = perfect(lockstep.run("strokes", settings=settings, seconds=1.2)).score
         assert known.felt_frac > 0.8
         assert abs(known.fingers[0].bias_jnd) < 0.5
 

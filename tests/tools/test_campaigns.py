@@ -53,7 +53,7 @@ def cluster() -> Iterator[str]:
         yield started.scheduler_address
 
 
-@pytest.fixture(params=["processes", "cluster"])
+@pytest.fixture(params=["processes", pytest.param("cluster", marks=pytest.mark.long)])
 def workers(request: pytest.FixtureRequest) -> dict[str, Any]:
     """Two of this computer, or of a cluster."""
     return {"jobs": 2} if request.param == "processes" else {"cluster": request.getfixturevalue("cluster")}
@@ -92,6 +92,7 @@ def test_a_task_that_kills_each_process_ends_the_campaign_with_a_sentence(
         run(tasks_in(tmp_path, deaths=99)[4:6], jobs=2)
 
 
+@pytest.mark.long
 def test_no_worker_of_a_cluster_holds_a_result_that_was_fetched(cluster: str, tmp_path: Path) -> None:
     missing = {bytes((task.seed,)): task for task in tasks_in(tmp_path)}
     played = campaigns._played(play, missing, 1, cluster)
@@ -103,6 +104,7 @@ def test_no_worker_of_a_cluster_holds_a_result_that_was_fetched(cluster: str, tm
     assert len({*fetched, *played}) == len(SEEDS)
 
 
+@pytest.mark.long
 def test_a_cluster_without_scheduler_or_workers_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed", reason="needs the extra `cluster`")
     monkeypatch.setattr(campaigns, "CONNECT_S", 0.2)

@@ -17,15 +17,16 @@ from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import plate
 
-SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", "2", "--drive", "28500..29700"]
+SMALL = ["plate", "--felt", "--jobs", "1", "--size", "100x100", "--thickness", "2", "--modes", "2"]
+SMALL += ["--drive", "28500..29700"]
 KIT = ["--place", "8x8x0.3"]
 
 
 @pytest.fixture
 def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, less in {"JUDGE_PLACES": 100, "SEARCH_PLACES": 30, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
+    for name, less in {"JUDGE_PLACES": 40, "SEARCH_PLACES": 10, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
         monkeypatch.setattr(felt_search, name, less)
-    monkeypatch.setattr(plate, "FARTHEST_HZ", 600.0)
+    monkeypatch.setattr(plate, "FARTHEST_HZ", 300.0)
 
 
 @pytest.mark.usefixtures("short_search")

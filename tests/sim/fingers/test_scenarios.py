@@ -21,9 +21,9 @@ def places_mm(actor: Actor, t_s: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_fingers_land_after_the_handshake_and_stay_on_the_plate(name: str, seed: int) -> None:
-    t_s = np.arange(0.0, SCENARIOS[name].seconds, 0.005)
+    t_s = np.arange(0.0, SCENARIOS[name].seconds, 0.02)
     for actor in SCENARIOS[name].build(seed, 100.0):
         places = places_mm(actor, t_s)
         assert np.isfinite(places).any()
