@@ -19,7 +19,6 @@ from hapticd.sim.score import Score
 from hapticd.sim.settings import Settings, in_world
 from hapticd.sim.world_errors import SensorErrors, Skin, WorldErrors
 from hapticd.sim.world_tolerances import LEVELS
-from hapticd.tools import campaigns
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # fits of eight modes
 
@@ -80,12 +79,6 @@ def test_a_person_is_matched_in_the_plates_own_amplitudes_and_by_own_strokes() -
 def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str, Table]) -> None:
     ours = [row["limit_most_frac"] for scheme, row in tables["worlds"].rows.items() if HAPTICD in scheme]
     assert 0.5 < max(ours) <= 1.0
-
-
-def test_processes_give_what_one_process_gives() -> None:
-    jobs = [Job(Settings(), "mild", seed, SECONDS, 2.0) for seed in (1, 2)]
-    played = campaigns.run("worlds", play, jobs, jobs=2)
-    assert repr(played) == repr([*map(play, jobs)])  # NaN, which perfect knowledge has, equals no other one
 
 
 def strokes_leak_um(**errors: Any) -> float:
