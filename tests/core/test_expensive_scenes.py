@@ -63,8 +63,7 @@ def test_passes_and_messages_of_a_scene_at_all_caps_cost_what_is_planned(fingers
     plain_ms = fmean(_least(plains_ms))
     passes, messages = ([[ms / plain_ms for ms in _least(one)] for one in of] for of in (scenes_ms, messages_ms))
     pass_mean, pass_most, message_mean = max(map(fmean, passes)), max(map(max, passes)), max(map(fmean, messages))
-    print(f"\n{fingers} fingers, {plate}, plain {plain_ms:.2f} ms: {pass_mean:.1f}, most {pass_most:.1f}", end="")
-    print(f"; a message {message_mean:.1f}", end="")
+    print(f"\n{plate}, {fingers} fingers: {pass_mean:.1f}, most {pass_most:.1f}, a message {message_mean:.1f}", end="")
     assert pass_mean <= MOST_OF_PASSES[fingers]
     assert pass_most <= 2.0 * MOST_OF_PASSES[fingers]
     assert message_mean <= MOST_OF_MESSAGES

@@ -196,9 +196,6 @@ class Bench:
 
     def _fill_lane(self, at: int, stride: int, half: int, samples: npt.NDArray[np.uint16]) -> None:
         begin = at + stride * self.chunk * half
-        if stride == 2:
-            self.cpu.write(begin, samples.astype("<u2").tobytes())
-            return
         data = np.frombuffer(self.cpu.read(begin, stride * (self.chunk - 1) + 2), dtype="<u2").copy()
         data[:: stride // 2] = samples
         self.cpu.write(begin, data.astype("<u2").tobytes())

@@ -227,6 +227,7 @@ class Registers:
             "SCB.AIRCR": self._system_reset,
             "SCB.ICSR": self._pend_tick,
             "CRC.CR": lambda _: self.values.__setitem__("CRC.DR", 0xFFFFFFFF),
+            "CRC.DR": self._crc,
         }
         for name in names:
             block, register = name.split(".")
@@ -291,11 +292,9 @@ class Registers:
 
     def write(self, address: int, size: int, value: int) -> None:
         name = self.names[address]
-        if name == "CRC.DR" and size == 4:  # each word of the flash
-            self._crc(value)
-            return
         assert size == (1 if name.startswith("NVIC.IPR") else 4), f"{name} was written as {size} bytes"
-        self.trace.append((name, value))
+        if name != "CRC.DR":
+            self.trace.append((name, value))
         self._effects.get(name, lambda v: self.values.__setitem__(name, v))(value)
 
     def _clock_control(self, value: int) -> None:
