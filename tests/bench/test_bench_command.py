@@ -50,15 +50,6 @@ def test_all_parts_give_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFi
     assert "pi_ff" in out
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("quick")
-def test_json_on_standard_output_is_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "firmware", "--json", "-"]) == 0
-    streams = capsys.readouterr()
-    assert list(json.loads(streams.out)["parts"]) == ["firmware"]
-    assert "pi_ff" in streams.err
-
-
 @pytest.mark.parametrize(
     "arguments",
     [["--json", "nowhere/bench.json"], ["--worlds", "5"], ["--keep", "results"], ["--worlds", "0"]],

@@ -27,13 +27,6 @@ def test_every_policy_breaks_no_limit_and_makes_no_exception_of_singular_positio
         assert solution.achieved_um == pytest.approx(np.abs(phi @ solution.modal_um))
 
 
-def test_keep_ratio_scales_all_fingers_alike() -> None:
-    solution = solve([[1.0, 0.3], [0.2, 0.9]], [9.0, 3.0], LIMIT_UM, policy="keep_ratio")
-    assert solution.limited
-    assert solution.achieved_um[0] == pytest.approx(3 * solution.achieved_um[1])
-    assert np.max(np.abs(solution.modal_um)) == pytest.approx(LIMIT_UM)
-
-
 def test_least_squares_leaks_where_that_serves_the_others_better() -> None:
     traded = solve(NEARLY_PARALLEL, [1.0, 0.0], LIMIT_UM, policy="least_squares")
     assert traded.achieved_um[1] > 0.1
