@@ -112,12 +112,12 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return bool(re.search(r"^pytestmark = \[?pytest\.mark\.long", collection_path.read_text("utf-8"), re.M)) or None
 
 
-SLOWEST = {"virtual_machine", "view"}  # folders of emulated machines and browsers
+SLOWEST = ("virtual_machine", "firmware", "view")  # folders of emulated machines and browsers
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take minutes, so that none of them is left for one core at the end."""
-    items.sort(key=lambda item: SLOWEST.isdisjoint(item.path.parts))
+    items.sort(key=lambda item: [name not in item.path.parts for name in SLOWEST])
 
 
 def pytest_collection_finish() -> None:
