@@ -17,16 +17,17 @@ import simulate
 
 from hapticd.design.glued_plate import Patch
 from hapticd.design.patch_reach import patch_load
+from hapticd.sim.plate.glasses import GLASSES
 
 TEXT, PICTURE = netlist.HERE.parent / "HARDWARE.md", netlist.HERE / "schematic.svg"
-DRIVE_HZ = 29375.0  # above those of our plates, 26 to 29 kHz: loads grow with it
+DRIVE_HZ = max(glass.drive_hz for glass in GLASSES.values())  # loads grow with it
 PATCHES_MM = ((10, 10, 0.3), (10, 10, 0.5), (20, 10, 0.3), (20, 10, 0.5), (15, 15, 0.5), (12, 12, 1.0))
 
 
 def loads() -> str:
     """Return the table of what patches ask of their amplifiers."""
     rows = [
-        "| patch, mm | nF free | nF glued | volts | mA peak | mA RMS | VA | W in it | V/us |",
+        f"| patch, mm, at {DRIVE_HZ:.0f} Hz | nF free | nF glued | volts | mA peak | mA RMS | VA | W in it | V/us |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for width_mm, depth_mm, thickness_mm in PATCHES_MM:

@@ -43,6 +43,7 @@ _MOST_THEORY_RAD = (
     66.0  # k times the longer edge, twice the reference plate's: theory's run time grows as its 6th power
 )
 _STEP_MM = 1.375
+_MOST_VALUES = 250_000  # of a map, as in `core.plate.mode_shapes`
 _FINER = 4  # the peak is searched in steps this much smaller than the map's: 0.1 % at worst
 _MORE_THAN_NOISE = 1.01
 _MOST_ROUNDS = 5  # of outlier removal; two usually suffice
@@ -91,7 +92,7 @@ def fit_scan(
     one: a point lost in one mode is left out in all.
 
     Needs at least 64 points, three to a wavelength in either direction. The map covers the whole plate of `size_mm` in
-    steps of at most _STEP_MM. `normalise` scales every shape to a peak of 1 over the plate. That peak lies at an edge
+    steps of _STEP_MM at most, longer for many modes. `normalise` scales every shape to a peak of 1. It lies at an edge
     or a corner, where noise is averaged least: give False for readings that were divided by the modal amplitude
     measured during the scan. `by` selects one of `FITS`; "best" has the smaller cross-validated error.
     Raises ModesError for data that does not describe mode shapes on this plate, ValueError for an invalid size or an
@@ -114,7 +115,10 @@ def fit_scan(
     kept, best = _without_outliers(*begin, points[whole], data[whole], by)
     fit = best.fit
 
-    map_x_mm, map_y_mm = map_axis(size_mm[0]), map_axis(size_mm[1])
+    step_mm = _STEP_MM
+    while data.shape[1] * math.prod(len(map_axis(edge_mm, step_mm)) for edge_mm in size_mm) > _MOST_VALUES:
+        step_mm *= 1.05
+    map_x_mm, map_y_mm = (map_axis(edge_mm, step_mm) for edge_mm in size_mm)
     peak = np.ones(data.shape[1])
     if normalise:
         fine_x_mm, fine_y_mm = (map_axis(edge_mm, _STEP_MM / _FINER) for edge_mm in size_mm)

@@ -134,8 +134,7 @@ class GluedModes:
     ) -> None:
         """Solve the plate's modes in the band, widened by `task.farthest_hz`."""
         self.plate, self.task, self.places, self._measure = plate, task, places, measure
-        wider_hz = task.farthest_hz
-        self.solved_hz = (max(band_hz[0] - wider_hz, 0.0), band_hz[1] + wider_hz)
+        self.solved_hz = (max(band_hz[0] - task.farthest_hz, 0.0), band_hz[1] + task.farthest_hz)
         self.modes = plate.modes(self.solved_hz)
         self._band_hz = band_hz
 
@@ -150,8 +149,8 @@ class GluedModes:
         return self._under(surfaces([shape for _, shape in self.modes])).known_by(self._known)
 
     def _under(self, known: ShapeMaps) -> PlateTouches:
-        task = self.task
-        return touches(known, self.plate.size_mm, task.radius_mm, len(task.targets_um), self.places, task.seed)
+        of = self.task
+        return touches(known, self.plate.size_mm, of.radius_mm, len(of.targets_um), self.places, of.seed)
 
     def sets(self, count: int) -> list[range]:
         """Return the sets of `count` neighbouring modes that a drive in the band has within `farthest_hz`."""
@@ -166,12 +165,11 @@ class GluedModes:
 
     def felt_frac(self, chosen: Sequence[int]) -> float:
         """Return the share of places felt as asked when each of these modes has the usual reach at resonance."""
-        frequency_hz = np.array([hz for hz, _ in self.of(chosen)])
+        task, frequency_hz = self.task, np.array([hz for hz, _ in self.of(chosen)])
         drive_hz = (frequency_hz.min() + frequency_hz.max()) / 2.0
-        decay_1_s = math.pi * frequency_hz / self.task.q_factor
+        decay_1_s = math.pi * frequency_hz / task.q_factor
         limits_um = USUAL_UM * decay_1_s / np.hypot(decay_1_s, 2.0 * math.pi * (frequency_hz - drive_hz))
         few = self._touches.of(chosen, SEARCH_PLACES)
-        task = self.task
         _, error_jnd = settle_felt(few, task.targets_um, np.minimum(limits_um, MOST_UM), starts=1, curve=task.curve)
         return float(np.mean(is_felt(error_jnd)))
 
@@ -179,10 +177,9 @@ class GluedModes:
         """Return some of the modes."""
         return [self.modes[mode] for mode in chosen]
 
-    def judge(self, chosen: Sequence[int], patches: Sequence[Patch], drive_hz: float | None = None) -> FeltDesign:
-        """Return the plate's figures with these modes driven by these patches, without `drive_hz` at the drive that
-        takes least volts."""
-        near = self.near(self._touches, patches)
+    def judge(self, chosen: Sequence[int], drive_hz: float | None = None) -> FeltDesign:
+        """Return the plate's figures with these modes driven, without `drive_hz` where that takes least volts."""
+        near = self.near(self._touches)
         drive_hz = least_volts_hz(near.of(chosen), self.task.farthest_hz) if drive_hz is None else drive_hz
         return self._judged(near, limited(near, chosen, drive_hz, self.task))
 
@@ -190,16 +187,16 @@ class GluedModes:
         """Return the plate's figures with the drive and the modes that are chosen from what is known of it, None
         without a drive near as many modes as there are patches."""
         choice = choose(self.shown(), self.task)
-        return None if choice is None else self._judged(self.near(self._touches, self.plate.patches), choice)
+        return None if choice is None else self._judged(self.near(self._touches), choice)
 
     def shown(self) -> NearModes:
-        """Return what the plate's own patches do to all modes as they were measured."""
-        return self.near(self._known, self.plate.patches)
+        """Return what the patches do to all modes as they were measured."""
+        return self.near(self._known)
 
-    def near(self, found: PlateTouches, patches: Sequence[Patch]) -> NearModes:
-        """Return what these patches do to all modes."""
+    def near(self, found: PlateTouches) -> NearModes:
+        """Return what the patches do to all modes."""
         plate = self.plate
-        driven = patch_drive(plate.thickness_mm, patches, self.modes, self.task.q_factor)
+        driven = patch_drive(plate.thickness_mm, plate.patches, self.modes, self.task.q_factor)
         mass_kg = math.prod(plate.size_mm) * plate.thickness_mm * plate.material.density_kg_m3 * 1e-9
         return NearModes(driven, found, FINGER_KG_S / mass_kg)
 
@@ -314,7 +311,7 @@ def judge_best(plate: GluedPlate, drive_hz: tuple[float, float], count: int, tas
     found = []
     for chosen in glued.sets(count):
         with suppress(UndrivenError):
-            found.append(glued.judge(chosen, plate.patches))
+            found.append(glued.judge(chosen))
     return max(found, key=lambda one: one.rank, default=None)
 
 

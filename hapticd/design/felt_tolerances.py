@@ -75,8 +75,9 @@ class Copy(NamedTuple):
 
 
 class Tolerances(NamedTuple):
-    """Shares of places felt as asked, of the plate as drawn and of its copies (n,), all set up from their scans."""
+    """Shares of places felt as asked, of a design's plate as drawn and of its copies (n,), all set up from scans."""
 
+    design: FeltDesign
     nominal_frac: float
     felt_frac: FloatArray
 
@@ -86,11 +87,15 @@ class Tolerances(NamedTuple):
         return float(np.quantile(self.felt_frac, 0.1))
 
 
-def felt_tolerances(design: FeltDesign, task: FeltTask, count: int, campaign: TaskRunner = one_by_one) -> Tolerances:
-    """Return what is felt on a design's plate and on its copies 1 to `count`; 0 where no drive has enough modes."""
-    copies = [Copy(design.plate, design.drive_hz, task, number) for number in range(count + 1)]
-    nominal, *found = campaign(f"{count} copies of the plate", felt_frac, copies)
-    return Tolerances(nominal, np.array(found))
+def felt_tolerances(
+    designs: Sequence[FeltDesign], task: FeltTask, count: int, campaign: TaskRunner = one_by_one
+) -> list[Tolerances]:
+    """Return what is felt on each plate and its copies 1 to `count`, alike for all: the largest tenth percentile first.
+    0 is felt where no drive has enough modes."""
+    copies = [Copy(one.plate, one.drive_hz, task, number) for one in designs for number in range(count + 1)]
+    found = np.reshape(campaign(f"{count} copies of each plate", felt_frac, copies), (len(designs), count + 1))
+    studies = [Tolerances(one, float(each[0]), each[1:]) for one, each in zip(designs, found, strict=True)]
+    return sorted(studies, key=lambda one: (one.design.rank[0], one.tenth_frac), reverse=True)
 
 
 def felt_frac(copy: Copy) -> float:
@@ -100,12 +105,9 @@ def felt_frac(copy: Copy) -> float:
 
 
 def scanned(shapes: Sequence[ModeShape], seed: Sequence[int]) -> ModeShapes:
-    """Return the maps of a vibrometer's scan, each with the sign of its mode, by the fit that takes a third of the time
-    of the better one."""
+    """Return the maps of a vibrometer's scan, by the fit that takes a third of the time of the better one."""
     scan = sample_scan(shapes, step_mm=SCAN_STEP_MM, noise_frac=0.02, seed=seed, missing_frac=0.03, dropout_frac=0.01)
-    fit = fit_scan(*scan, size_mm=shapes[0].size_mm, normalise=False, by="plate_equation")
-    maps, signs = fit.modes, np.sign(fit.scale.real)
-    return ModeShapes.from_grid(maps.x_mm, maps.y_mm, maps.shapes * signs[:, None, None])
+    return fit_scan(*scan, size_mm=shapes[0].size_mm, normalise=False, by="plate_equation").modes
 
 
 def _glued(patch: Patch, size_mm: tuple[float, float], random: np.random.Generator) -> Patch:

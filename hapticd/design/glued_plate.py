@@ -33,7 +33,6 @@ _SERIES_MORE = 12  # degrees of the series of a shape with patches, for the bend
 _MAX_DEGREE = 120
 _BENDING_SHARE = 0.5  # of the kinetic energy in the deflection, at least; modes in the plane have a tenth at most
 _SPARE_MODES = 8  # that are sought beyond the number estimated
-_IMPOSSIBLE = "band_hz reaches waves too short for this plate size; lower its upper end."
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +114,7 @@ def _solved(plate: GluedPlate, band_hz: tuple[float, float], solved: Sequence[in
         sides = [(layer.place_mm[axis], layer.size_mm[axis] / 2.0) for layer in layers]
         ends_mm = [middle_mm + side * half_mm for middle_mm, half_mm in sides for side in (-1.0, 1.0)]
         if not _PER_RAD * rad_mm * edge_mm / 2.0 <= _MAX_DEGREE:
-            raise ValueError(_IMPOSSIBLE)
+            raise ValueError("band_hz reaches waves too short for this plate size; lower its upper end.")
         lines.append(section.line_basis(ends_mm, rad_mm * _PER_RAD, _MORE_GLUED if plate.patches else _MORE))
     degrees = [math.ceil(_PER_RAD * rad_mm * edge_mm / 2.0) + _MORE for edge_mm in plate.size_mm]
     if plate.patches:

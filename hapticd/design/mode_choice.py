@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -139,12 +140,10 @@ def choose(near: NearModes, task: FeltTask) -> Choice | None:
     hz, sets = near.driven.frequency_hz, []
     for used in combinations(range(len(hz)), near.driven.gain_um_per_v_s.shape[1]):
         if np.ptp(hz[list(used)]) <= 2.0 * task.farthest_hz:
-            try:
+            with suppress(UndrivenError):
                 driven = near.of(used)
-            except UndrivenError:
-                continue
-            drive_hz = least_volts_hz(driven, task.farthest_hz)
-            sets.append((float(driven.reach_um(drive_hz).min()), used, drive_hz))
+                drive_hz = least_volts_hz(driven, task.farthest_hz)
+                sets.append((float(driven.reach_um(drive_hz).min()), used, drive_hz))
     sets = sorted(sets, reverse=True)[:STRONGEST]
     usual = [limited(near, used, drive_hz, task, FEW_PLACES, (USUAL_SHARE,)) for _, used, drive_hz in sets]
     best = sorted(usual, key=lambda one: one.felt_frac, reverse=True)[:BEST]

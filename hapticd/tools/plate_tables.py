@@ -31,18 +31,19 @@ def _kit(design: FeltDesign) -> str:
     return _size((*sorted(patch.size_mm, reverse=True), patch.thickness_mm))
 
 
-def designs_table(designs: Sequence[FeltDesign]) -> str:
-    """Return the best designs, a row each."""
+def designs_table(designs: Sequence[FeltDesign], studies: Sequence[Tolerances]) -> str:
+    """Return the best designs, a row each; `studies` are of the first ones."""
     lines = [
-        "   with their patches, for fingers at rest",
-        "   plate mm        patches mm  drive Hz modes farthest next Hz  felt  each finger        within volts",
+        "   with their patches, for fingers at rest; of copies nine in ten have more",
+        "   plate mm        patches mm  drive Hz modes farthest next Hz  felt copies  each finger        within volts",
     ]
     for place, one in enumerate(designs[:ROWS], 1):
         each = " ".join(f"{100 * share:3.0f} %" for share in one.each_frac)
         following = f"{one.next_hz:7.0f}" if math.isfinite(one.next_hz) else "      -"
+        tenth = f"{100 * studies[place - 1].tenth_frac:4.0f} %" if place <= len(studies) else "     -"
         lines.append(
             f"{place:>2} {_size((*one.plate.size_mm, one.plate.thickness_mm)):<15} {_kit(one):<11} {one.drive_hz:8.0f} "
-            f"{len(one.modes):5} {one.farthest_hz:8.0f} {following} {100 * one.felt_frac:3.0f} %  {each:<18} "
+            f"{len(one.modes):5} {one.farthest_hz:8.0f} {following} {100 * one.felt_frac:3.0f} % {tenth}  {each:<18} "
             f"{100 * one.fits_frac:3.0f} %"
         )
     if len(designs) > ROWS:
@@ -98,7 +99,7 @@ def write_json(
     task: FeltTask,
     asked: Sequence[Bound],
     motion: FeltMotion | str,
-    study: Tolerances | None,
+    studies: Sequence[Tolerances],
     placement: Placement,
     file: str,
 ) -> None:
@@ -112,9 +113,8 @@ def write_json(
         ],
         "motion": {"unknown": motion} if isinstance(motion, str) else motion._asdict(),
         "placement": plate_places.as_json(placement),
+        "tolerances": [{"nominal_frac": nominal, "felt_frac": found.tolist()} for _, nominal, found in studies],
     }
-    if study is not None:
-        table["tolerances"] = {"nominal_frac": study.nominal_frac, "felt_frac": study.felt_frac.tolist()}
     outputs.write_json(table, file)
 
 

@@ -99,7 +99,7 @@ def _settings(path: Path, q_factor: float, person: PlateConfig) -> Settings:
 
 
 def felt_verdict(
-    design: FeltDesign, asked: Sequence[Bound], motion: FeltMotion | str, study: Tolerances | None
+    design: FeltDesign, asked: Sequence[Bound], motion: FeltMotion | str, study: Tolerances | None = None
 ) -> list[str]:
     """Return a line for each figure of a plate with its patches, and at last the verdict."""
     lines = [

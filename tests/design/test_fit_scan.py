@@ -48,10 +48,15 @@ def map_errors(fit: CartographyFit, scale: Any = 1.0) -> np.ndarray:
 )
 def test_the_map_errs_by_a_small_part_of_the_noise(scan: dict[str, Any], most: float) -> None:
     fit = fit_scan(*sample_scan(driven_modes(), seed=4, **scan))
-
     assert (map_errors(fit, np.array(scan.get("scale", 1.0))) < NOISE / most).all()
     np.testing.assert_allclose(fit.noise_rms, NOISE, rtol=0.1)
     np.testing.assert_allclose(fit.across_rms, NOISE, rtol=0.1)
+
+
+def test_a_map_of_many_modes_is_coarser_instead_of_refused() -> None:
+    fit = fit_scan(*sample_scan(driven_modes() * 13, seed=4), by="plate_equation")
+    assert 200_000 < fit.modes.shapes.size <= 250_000
+    assert (fit.modes.evaluate(FINE_POINTS)[:, :2] - truth()).std() < NOISE / 4.0
 
 
 def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
@@ -63,7 +68,6 @@ def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
         missed.append(readings[held] * np.exp(-1j * np.angle(fit.scale)) - fit.modes.evaluate(points[held]))
 
     estimated = fit_scan(points, readings, normalise=False).prediction_rms
-
     # 240 points a fold, each judged by a map made of three quarters of the points.
     np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), estimated, rtol=0.05)
 
