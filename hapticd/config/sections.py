@@ -164,7 +164,7 @@ class SolverConfig:
 
 @dataclass(frozen=True, slots=True)
 class UncertaintyConfig:
-    """Standard deviations of what is taken to be known of plate, sensors and pad, for telemetry."""
+    """Standard deviations of what is taken to be known of plate, sensors and pad, for telemetry and the solver."""
 
     # The defaults are those of laboratories (`sim.world_tolerances`) after scan and sweep, where
     # `tests/daemon/test_felt_telemetry.py` compares what telemetry says with what is felt.

@@ -37,7 +37,7 @@ from .frame import (
 from .friction import FrictionCurve
 from .phasors import Phasors
 from .plate.mode_shapes import ModeShapes
-from .solver.felt_descent import COLD
+from .solver.felt_descent import COLD, UNCERTAIN_FRAC
 from .solver.instant import InstantSolver
 from .solver.reach import LEAST_CALLS, ReachSearch
 from .targets.scene import Scene
@@ -73,6 +73,7 @@ class PipelineSettings:
 
     `contact_radius_mm` above 0 makes
     fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_ellipse`).
+    `uncertain_frac` is what the solver takes each mode's amplitude to err by.
     `frame_duration_ns` is how long one frame must last: one and a half report periods, to
     bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
     may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
@@ -84,6 +85,7 @@ class PipelineSettings:
     contact_radius_mm: float = 0.0
     ellipse_scale: float = 0.0
     ellipse_offset_mm: float = 0.0
+    uncertain_frac: float = UNCERTAIN_FRAC
     tolerance_um: float = 0.02
     max_knots: int = 16
     effect_knots: int = 24
@@ -133,6 +135,7 @@ class Pipeline:
             settings.w_limit_um,
             contact_radius_mm=settings.contact_radius_mm,
             friction_curve=scene.friction_curve,
+            uncertain_frac=settings.uncertain_frac,
         )
         self.budget_frac = 1.0  # of the time that a pass may take: less on a slow machine
         self._fingers = Fingers(

@@ -11,6 +11,7 @@ from ..core.friction import FrictionCurve
 from ..core.pipeline import PipelineSettings
 from ..core.prediction.motion import AdaptivePredictor
 from ..core.prediction.pad_memory import PadMemory
+from ..core.solver.felt_descent import UNCERTAIN_FRAC
 from ..core.uncertainty import Uncertainty
 from ..values import AffineMap
 
@@ -37,7 +38,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     is done, and the point's rule gives the slippery finger five times as much. Their frames have as many knots as the
     link carries in LONGEST_FRAME_S.
     """
-    prediction, solver = config.prediction, config.solver
+    prediction, solver, unsure = config.prediction, config.solver, config.uncertainty
     are_contacts = has_contacts(config)
     return PipelineSettings(
         w_limit_um=config.reference_limit_um,
@@ -47,6 +48,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
+        uncertain_frac=max(math.hypot(unsure.map_frac, unsure.sensors_frac), UNCERTAIN_FRAC),
         max_knots=max_knots(config, config.device.baud),
         effect_knots=effect_knots(config, config.device.baud),
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),

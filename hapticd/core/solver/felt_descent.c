@@ -24,7 +24,7 @@ static const double STAY_FRAC = 0.03;      /* of the mean curvature: keeps W whe
 static const double RIDGE_FRAC = 0.3;      /* of what keeps W, drawn to 0 where it is within half of the limits */
 static const double INDEPENDENT = 1e-12;   /* of a row: what the others must leave of it */
 static const double TINY_UM = 1e-9;
-static const double UNCERTAIN_FRAC = 0.01; /* of a mode's amplitude: map, gain and sensor together */
+static const double UNCERTAIN_FRAC = 0.01; /* of a mode's amplitude, by map and sensor, if the plate is measured well */
 static const double COLD_TURN_RAD = 2.4;   /* from mode to mode at the start */
 static const double MISSED_JND = 1.0;      /* more than this counts as limited */
 static const double AT_LIMIT_FRAC = 0.995;
@@ -447,7 +447,8 @@ static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
 
 /* --- Python's arrays ------------------------------------------------------------------------------------------------- */
 
-static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_t iterations, double most_step_um)
+static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_t iterations, double most_step_um,
+                              double uncertain_frac)
 {
     enum { SHAPES, WEIGHTS, FINGERS, CURVE, LIMITS, ARRAYS };
     Py_ssize_t size[ARRAYS];
@@ -471,7 +472,7 @@ static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_
     p.across = next, p.got = next + room * m, p.logs = p.got + n, p.mean_um = p.logs + n, p.rows = p.mean_um + n;
     memcpy(p.rows, given[SHAPES].buf, (size_t)given[SHAPES].len);
     p.room = room, p.shapes = given[SHAPES].buf, p.weights = given[WEIGHTS].buf, p.limits_um = given[LIMITS].buf;
-    p.uncertain = p.is_point ? 0.0 : UNCERTAIN_FRAC * UNCERTAIN_FRAC;
+    p.uncertain = p.is_point ? 0.0 : uncertain_frac * uncertain_frac;
     p.targets_um = fingers, p.frictions = fingers + n, p.counted = fingers + 2 * n, p.stickiness = fingers + 3 * n;
     p.gains = fingers + 4 * n, p.log_weights = fingers + 5 * n, p.errors = fingers + 6 * n, p.contact_rms_um = fingers + 7 * n;
     p.full_um = curve[0], p.least = curve[1];
@@ -500,11 +501,11 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
     Py_buffer given[5];
     PyObject *modal;
     Py_ssize_t iterations;
-    double most_step_um;
-    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!nd", &given[0], &given[1], &given[2], &given[3], &given[4],
-                          &PyTuple_Type, &modal, &iterations, &most_step_um))
+    double most_step_um, uncertain_frac = UNCERTAIN_FRAC;
+    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!nd|d", &given[0], &given[1], &given[2], &given[3], &given[4],
+                          &PyTuple_Type, &modal, &iterations, &most_step_um, &uncertain_frac))
         return NULL;
-    PyObject *answer = descend_over(given, modal, iterations, most_step_um);
+    PyObject *answer = descend_over(given, modal, iterations, most_step_um, uncertain_frac);
     for (int index = 0; index < 5; index++)
         PyBuffer_Release(&given[index]);
     return answer;

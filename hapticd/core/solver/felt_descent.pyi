@@ -5,7 +5,7 @@ from array import array
 from ...values import FloatArray
 from ..phasors import Phasors
 
-UNCERTAIN_FRAC: float  # of a mode's amplitude: map, gain and sensor together
+UNCERTAIN_FRAC: float  # of a mode's amplitude, by map and sensor, if the plate is measured well
 COLD: int  # times as many iterations from silence
 
 def descend(
@@ -17,6 +17,7 @@ def descend(
     modal_um: Phasors,
     iterations: int,
     most_step_um: float,
+    uncertain_frac: float = ...,
     /,
 ) -> tuple[Phasors, bool]:
     """Return W (M,), moved by at most `most_step_um`, and whether a limit keeps a finger from its target; none of the

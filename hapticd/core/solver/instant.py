@@ -6,10 +6,10 @@ the friction curve, phi_q the shapes at the contact's points q, c_q their weight
 finger's target has when it is the same all over the contact,
 
     u_i = (F_i - F_i*) / (WEBER_FRAC F_i*),    F_i = sum_q c_q F(r_q)
-    r_q^2 = |phi_q W|^2 + UNCERTAIN_FRAC^2 sum_k |phi_qk W_k|^2
+    r_q^2 = |phi_q W|^2 + uncertain_frac^2 sum_k |phi_qk W_k|^2
 
 are the errors, and max |u_i| is least within |W_k| <= L_k. r_q is what is to be expected: each mode errs by a share of
-its amplitude, by map, gain and sensor together. Where not all can be had, the error of a finger that should stick
+its amplitude, by map and sensor together. Where not all can be had, the error of a finger that should stick
 counts in full, and of any other at most MOST_SLIPPERY of a just noticeable difference: the sticky one is as asked, and
 the others get what is left. Priorities come before that: of a finger whose priority is lower than another's, less
 counts (`counted_jnd`).
@@ -59,7 +59,7 @@ from ..plate.bicubic import POINT
 from ..plate.contact import SOLVED_DISC, ContactEllipse
 from ..plate.mode_shapes import ModeShapes
 from ..plate.splines import evaluate
-from .felt_descent import descend
+from .felt_descent import UNCERTAIN_FRAC, descend
 
 Pair = tuple[float, float]
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
@@ -101,7 +101,8 @@ class InstantSolver:
     """Solver of one plate.
 
     `contact_radius_mm`: fingers are discs of it where their ellipses are not known, points if it is 0; `friction_curve`
-    is what they feel. `derates`: amplitude gives way in the paper's case.
+    is what they feel; `uncertain_frac` is by how much a mode's amplitude errs. `derates`: amplitude gives way in the
+    paper's case.
     """
 
     def __init__(
@@ -111,12 +112,14 @@ class InstantSolver:
         *,
         contact_radius_mm: float = 0.0,
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
+        uncertain_frac: float = UNCERTAIN_FRAC,
         derates: bool = True,
     ) -> None:
         self.limits_um: Final = np.array(w_limit_um) * WIRE_FRAC
         self.contact_radius_mm: Final = contact_radius_mm
         self.has_contacts: Final = contact_radius_mm > 0.0
         self.curve = friction_curve
+        self.uncertain_frac: Final = uncertain_frac
         self._modes: Final = modes
         self._w_limit_um: Final = w_limit_um
         self._disc: Final = np.array(SOLVED_DISC) if self.has_contacts else POINT
@@ -159,6 +162,7 @@ class InstantSolver:
             previous_um,
             ITERATIONS,
             most_step_um,
+            self.uncertain_frac,
         )
         return ModalSolution(places, self._table[7 * fingers :].tolist(), modal_um, limited)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,8 +33,8 @@ def plate() -> ModeShapes:
     return FINGERTIP.true_mode_map()
 
 
-def solver(plate: ModeShapes, limits_um: tuple[float, ...] = LIMITS_UM) -> InstantSolver:
-    return InstantSolver(plate, limits_um, contact_radius_mm=5.0)
+def solver(plate: ModeShapes, limits_um: tuple[float, ...] = LIMITS_UM, unsure: float = 0.01) -> InstantSolver:
+    return InstantSolver(plate, limits_um, contact_radius_mm=5.0, uncertain_frac=unsure)
 
 
 def places(points_mm: Array, targets_um: tuple[float, ...]) -> list[tuple[float, float, float]]:
@@ -41,14 +42,10 @@ def places(points_mm: Array, targets_um: tuple[float, ...]) -> list[tuple[float,
 
 
 def settled(
-    plate: ModeShapes,
-    points_mm: Array,
-    targets_um: tuple[float, ...],
-    limits_um: tuple[float, ...] = LIMITS_UM,
-    *,
-    priorities: list[int] | None = None,
+    plate: ModeShapes, points_mm: Array, targets_um: tuple[float, ...], *of_solver: Any, priorities: Any = None
 ) -> Phasors:
-    one, modal_um = solver(plate, limits_um), (0j,) * 4
+    """`of_solver`: limits in um, and by how much modes err."""
+    one, modal_um = solver(plate, *of_solver), (0j,) * 4
     for _ in range(40):
         modal_um = one.solve(places(points_mm, targets_um), modal_um, 100 * MS, priorities=priorities).modal_um
     return np.array(modal_um)
@@ -101,6 +98,12 @@ def mixed_errors_jnd(plate: ModeShapes, priorities: list[int]) -> Array:
     """For twelve places of three fingers, (12, 3)."""
     found = [settled(plate, points_mm, MIXED_UM, priorities=priorities) for points_mm in apart(8, 12, 3)]
     return np.abs([errors_jnd(one, MIXED_UM, um) for one, um in zip(apart(8, 12, 3), found, strict=True)])
+
+
+def test_modes_move_the_sticky_finger_less_if_map_and_sensors_are_less_certain(plate: ModeShapes) -> None:
+    asked = plate, PAIR_MM, (1.0, 0.0)
+    moved_um = [plate.evaluate(PAIR_MM[1:]) * settled(*asked, LIMITS_UM, share) for share in (0.01, 0.05)]
+    assert np.linalg.norm(moved_um[1]) < 0.9 * np.linalg.norm(moved_um[0])
 
 
 def test_a_higher_priority_lowers_a_slippery_finger_s_error_and_raises_another_s(plate: ModeShapes) -> None:
