@@ -204,8 +204,8 @@ def test_a_heavy_library_is_imported_where_it_is_needed_alone(libraries: set[str
 
 
 def test_code_that_only_tests_use_is_in_tests() -> None:
-    """Commands and calibration steps are found by their folders; all else is imported or run by something."""
-    found_by_folder = ("tools.calibrate.", "compiled.", "sim.plate.make_stored")
+    """Commands, benches and calibration steps are found by their folders; all else is imported or run by something."""
+    found_by_folder = ("tools.calibrate.", "bench.", "compiled.", "sim.plate.make_stored")
     commands = {command.module for command in COMMANDS.values()}
     used = {
         name.removeprefix("hapticd.")

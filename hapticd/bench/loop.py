@@ -15,6 +15,7 @@ from ..daemon.recorder import header_of
 from ..files.recording.kinds import record_of
 from ..sim import lockstep
 from ..sim.fingers.scenarios import SCENARIOS, STICKY_UM, Scenario, strokes
+from ..sim.matched_person import matched_factor
 from ..sim.perfect import perfect
 from ..sim.plate.ground_truth import GroundTruth
 from ..sim.score import Score
@@ -23,7 +24,6 @@ from ..sim.world_errors import NEUTRAL
 from ..sim.world_tolerances import draw
 from ..tools import touch_correction as correction
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
-from .matched_person import matched_factor
 
 HAPTICD, PAPER, PERFECT = "hapticd", "the paper's scheme", "perfect knowledge"
 GUIDED = "hapticd after a guided minute"

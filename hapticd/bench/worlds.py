@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 from ..design.campaign import TaskRunner, one_by_one
 from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM
+from ..sim.matched_person import CALIBRATED_FRAC
 from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
@@ -20,7 +21,6 @@ from ..sim.settings import Settings
 from ..sim.world_tolerances import LEVELS
 from . import loop
 from .loop import ASKED, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job
-from .matched_person import CALIBRATED_FRAC
 from .tables import Table
 
 MILD, LABORATORY, WORST = LEVELS

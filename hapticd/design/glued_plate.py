@@ -55,8 +55,8 @@ class GluedPlate:
     material: Material
     patches: tuple[Patch, ...] = ()
 
-    def modes(self, band_hz: tuple[float, float]) -> list[tuple[float, ModeShape]]:
-        """Return the bending modes with frequencies in `band_hz` as (frequency_hz, shape), lowest first.
+    def modes(self, band_hz: tuple[float, float], finer: int = 0) -> list[tuple[float, ModeShape]]:
+        """Return the bending modes in `band_hz` as (frequency_hz, shape), lowest first, by `finer` degrees more.
 
         On a square bare plate the modes odd along one axis and even along the other come in pairs of equal frequency:
         the one odd along x first, then the same turned (x and y exchanged), so that "11x0" is the X mode and "0x11" the
@@ -64,7 +64,7 @@ class GluedPlate:
         frequency and are returned as they are, named "12x2+2x12".
         Raises ValueError for an impossible plate, or a band beyond what the basis resolves.
         """
-        found = _solved(self, band_hz, FIELDS if self.patches else BENDING)
+        found = _solved(self, band_hz, FIELDS if self.patches else BENDING, finer)
         return [(one.hz, mode_shape(self.size_mm, one.fields)) for one in found if one.bending >= _BENDING_SHARE]
 
     def in_plane_hz(self, band_hz: tuple[float, float]) -> list[float]:
@@ -102,7 +102,9 @@ class _Mode(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _solved(plate: GluedPlate, band_hz: tuple[float, float], solved: Sequence[int]) -> tuple[_Mode, ...]:
+def _solved(
+    plate: GluedPlate, band_hz: tuple[float, float], solved: Sequence[int], finer: int = 0
+) -> tuple[_Mode, ...]:
     _require(plate, band_hz)
     layers = [Lamina(plate.material, plate.thickness_mm, 0.0, (0.0, 0.0), plate.size_mm)]
     for patch in plate.patches:
@@ -115,8 +117,8 @@ def _solved(plate: GluedPlate, band_hz: tuple[float, float], solved: Sequence[in
         ends_mm = [middle_mm + side * half_mm for middle_mm, half_mm in sides for side in (-1.0, 1.0)]
         if not _PER_RAD * rad_mm * edge_mm / 2.0 <= _MAX_DEGREE:
             raise ValueError("band_hz reaches waves too short for this plate size; lower its upper end.")
-        lines.append(section.line_basis(ends_mm, rad_mm * _PER_RAD, _MORE_GLUED if plate.patches else _MORE))
-    degrees = [math.ceil(_PER_RAD * rad_mm * edge_mm / 2.0) + _MORE for edge_mm in plate.size_mm]
+        lines.append(section.line_basis(ends_mm, rad_mm * _PER_RAD, (_MORE_GLUED if plate.patches else _MORE) + finer))
+    degrees = [math.ceil(_PER_RAD * rad_mm * edge_mm / 2.0) + _MORE + finer for edge_mm in plate.size_mm]
     if plate.patches:
         degrees = [degree + _SERIES_MORE for degree in degrees]
         found = list(_modes(layers, dict.fromkeys(solved, (lines[0], lines[1])), band_hz, degrees))

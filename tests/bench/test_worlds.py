@@ -9,10 +9,10 @@ import pytest
 
 from hapticd.bench import worlds
 from hapticd.bench.loop import GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, Job, felt_figures, measured, play
-from hapticd.bench.matched_person import matched_factor
 from hapticd.bench.tables import Table
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import REAL, SLIPPERY_UM
+from hapticd.sim.matched_person import matched_factor
 from hapticd.sim.plate.glasses import FINGERTIP, WIDE
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.score import Score

@@ -101,9 +101,8 @@ def mixed_errors_jnd(plate: ModeShapes, priorities: list[int]) -> Array:
 
 
 def test_modes_move_the_sticky_finger_less_if_map_and_sensors_are_less_certain(plate: ModeShapes) -> None:
-    asked = plate, PAIR_MM, (1.0, 0.0)
-    moved_um = [plate.evaluate(PAIR_MM[1:]) * settled(*asked, LIMITS_UM, share) for share in (0.01, 0.05)]
-    assert np.linalg.norm(moved_um[1]) < 0.9 * np.linalg.norm(moved_um[0])
+    um = [plate.evaluate(PAIR_MM[1:]) * settled(plate, PAIR_MM, (1.0, 0.0), LIMITS_UM, off) for off in (0.01, 0.05)]
+    assert np.linalg.norm(um[1]) < 0.9 * np.linalg.norm(um[0])
 
 
 def test_a_higher_priority_lowers_a_slippery_finger_s_error_and_raises_another_s(plate: ModeShapes) -> None:

@@ -20,12 +20,12 @@ from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import Machine
 from ..daemon.observer import Observer
-from ..sim import lockstep
-from ..sim.fingers.scenarios import LAND_S, SCENARIOS, Actor, strokes
-from ..sim.observer import REFERENCE
-from ..sim.score import SETTLE_S
-from ..sim.settings import Measured, Settings, in_world, knowing_person
 from ..values import WEBER_FRAC
+from . import lockstep
+from .fingers.scenarios import LAND_S, SCENARIOS, Actor, strokes
+from .observer import REFERENCE
+from .score import SETTLE_S
+from .settings import Measured, Settings, in_world, knowing_person
 
 CALIBRATED_FRAC: Final = 0.045  # RMS, where the reference that a person matches is known to 5 %
 _ERROR_STREAM, _OTHER_STROKES, _SESSION = 27, 2000, 2
