@@ -51,9 +51,8 @@ class Result:
 class Group:
     """All participants. A test is NaN for fewer than two participants, or equal rates.
 
-    `sd_frac` is the standard deviation of the rates (n - 1). `t`, `t_p`: one-sample t test of the rates. `above` and
-    `below` count participants on either side of guessing, `sign_p` is the exact sign test on them, `pooled_p` the exact
-    binomial test on all trials, as if of one participant.
+    `sd_frac` is the standard deviation of the rates (n - 1). `t`, `t_p`: one-sample t test of the rates.
+    `pooled_p` is the exact binomial test's on all trials, as if of one participant.
     """
 
     guess_frac: float
@@ -61,9 +60,6 @@ class Group:
     sd_frac: float
     t: float
     t_p: float
-    above: int
-    below: int
-    sign_p: float
     correct: int
     trials: int
     pooled_p: float
@@ -96,8 +92,6 @@ def analyse_group(results: Sequence[Result]) -> Group:
     if sd_frac > 0:
         test = stats.ttest_1samp(rates, guess_frac)
         t, t_p = float(test.statistic), float(test.pvalue)
-    away = [round(one.rate_frac - guess_frac, 12) for one in results]  # equal ones are equal to the last bit
-    above, below = sum(one > 0 for one in away), sum(one < 0 for one in away)
     correct, trials = sum(one.correct for one in results), sum(one.trials for one in results)
     return Group(
         guess_frac=guess_frac,
@@ -105,9 +99,6 @@ def analyse_group(results: Sequence[Result]) -> Group:
         sd_frac=sd_frac,
         t=t,
         t_p=t_p,
-        above=above,
-        below=below,
-        sign_p=float(stats.binomtest(above, above + below).pvalue) if above + below > 0 else math.nan,
         correct=correct,
         trials=trials,
         pooled_p=float(stats.binomtest(correct, trials, guess_frac).pvalue),

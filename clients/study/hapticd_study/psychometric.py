@@ -1,11 +1,10 @@
-"""Psychometric functions: a cumulative normal fitted to shares of right answers; and d'.
+"""Psychometric functions: a cumulative normal fitted to shares of right answers.
 
     p(x) = guess + (1 - guess - lapse) Phi((x - threshold) / spread)
 
 At the threshold it is half way between guessing and lapses. Threshold, logarithm of the spread and lapse have flat
 priors on a grid, which has no local optima to be trapped in: the estimate is the posterior's mean, the interval holds
-95 % of its probability. (A parametric bootstrap's held the true threshold of 83 of 100 simulated staircases: it does
-not know which levels other answers would have led to.)
+95 % of its probability.
 """
 
 from __future__ import annotations
@@ -37,15 +36,13 @@ class Curve:
     threshold_interval: tuple[float, float]
     spread: float
     lapse_frac: float
-    guess_frac: float
-    trials: int
     is_bounded: bool
 
 
 def fit(track: Sequence[tuple[float, bool]], guess_frac: float, *, falls: bool | None = None) -> Curve | None:
     """Fit levels and whether the answers there were right (or, with a guess of 0, the first answer was given).
 
-    A falling function, by `falls` or else by the answers, has a negative spread. None for fewer than two levels.
+    It may fall, by `falls` or else by the answers. None for fewer than two levels.
     """
     presented = np.array([level for level, _ in track])
     is_right = np.array([float(right) for _, right in track])
@@ -65,10 +62,8 @@ def fit(track: Sequence[tuple[float, bool]], guess_frac: float, *, falls: bool |
     return Curve(
         threshold=sign * float(weights @ thresholds),
         threshold_interval=interval if sign > 0.0 else (-interval[1], -interval[0]),
-        spread=sign * math.exp(float(weights @ np.log(spreads))),
+        spread=math.exp(float(weights @ np.log(spreads))),
         lapse_frac=float(weights @ lapses),
-        guess_frac=guess_frac,
-        trials=len(track),
         is_bounded=float(thresholds.min()) < interval[0] and interval[1] < float(thresholds.max()),
     )
 
@@ -81,13 +76,6 @@ def _central(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
     low, high = np.minimum(np.searchsorted(below, tails), len(steps) - 1)
     half = 0.5 * float(steps[1] - steps[0])
     return float(steps[low]) - half, float(steps[high]) + half
-
-
-def d_prime(hits: tuple[int, int], false_alarms: tuple[int, int]) -> float:
-    """Return d' of one answer's counts (given, trials) where it is right and where it is wrong; log-linear correction
-    (Hautus 1995)."""
-    hit, false = ((given + 0.5) / (trials + 1.0) for given, trials in (hits, false_alarms))
-    return float(stats.norm.ppf(hit) - stats.norm.ppf(false))
 
 
 def _grid(levels: FloatArray, guess_frac: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

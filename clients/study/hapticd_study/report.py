@@ -31,7 +31,6 @@ MEASURED = [field.name for field in fields(Answer)][2:]  # behind the trial's nu
 STDOUT = "-"
 LIGHT, DARK = "#9ecae1", "#08519c"
 Row: TypeAlias = Mapping[str, Any]
-
 BAR_IN = 0.55  # a participant's share of the figure's width
 MAX_WIDTH_IN = 16.0
 DPI = 110
@@ -133,13 +132,8 @@ def error_lines(sessions: Sequence[Session]) -> list[str]:
 def _tests(results: Sequence[Result], group: Group) -> list[str]:
     on_trials = f"{group.correct} of {group.trials} trials together"
     lines = [f"  exact binomial test   {on_trials:<32}p = {_p(group.pooled_p)}"]
-    if len(results) == 1:
-        return lines
     if not math.isnan(group.t):
         lines.append(f"  t test of the rates   {f't({len(results) - 1}) = {group.t:.2f}':<32}p = {_p(group.t_p)}")
-    if not math.isnan(group.sign_p):
-        counts = f"{group.above} above {100 * group.guess_frac:.3g} %, {group.below} below"
-        lines.append(f"  exact sign test       {counts:<32}p = {_p(group.sign_p)}")
     return lines
 
 

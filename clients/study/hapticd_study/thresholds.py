@@ -1,4 +1,4 @@
-"""Thresholds of each participant and condition, ratings and d': rows of the report besides the success rates."""
+"""Thresholds of each participant and condition, and ratings: rows of the report besides the success rates."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .experiment import Levels
-from .psychometric import Curve, d_prime, fit
+from .psychometric import Curve, fit
 from .session import Session
 
 
@@ -44,34 +44,20 @@ def threshold_lines(fitted: Sequence[ConditionCurve]) -> list[str]:
 
 
 def rating_lines(sessions: Sequence[Session]) -> list[str]:
-    """Return the mean and standard deviation of answers that are numbers by condition, over all participants; and d' of
-    each participant where there are two answers, of which a factor says the right one."""
+    """Return the mean and standard deviation of answers that are numbers by condition, over all participants."""
     made = sessions[0].experiment
-    lines: list[str] = []
-    if not made.is_graded and all(answer.isdecimal() for answer in made.choices):
-        rated: dict[str, list[float]] = {}
-        for session in sessions:
-            for trial, answer in zip(session.presented, session.answers, strict=False):
-                condition = ", ".join(f"{name} {level}" for name, level in trial.levels.items())
-                rated.setdefault(condition, []).append(float(answer.answer))
-        lines += ["", f"{'answers':>8}{'mean':>9}{'SD':>9}  condition"]
-        for condition, all_rated in sorted(rated.items()):
-            spread = f"{statistics.stdev(all_rated):.3f}" if len(all_rated) > 1 else "-"
-            lines.append(f"{len(all_rated):>8}{statistics.fmean(all_rated):>9.3f}{spread:>9}  {condition}")
-    if made.correct and len(made.answers) == 2:
-        lines += ["", *[f"{one.participant}: d' {sensitivity(one):.2f}" for one in sessions]]
+    if made.is_graded or not all(answer.isdecimal() for answer in made.choices):
+        return []
+    rated: dict[str, list[float]] = {}
+    for session in sessions:
+        for trial, answer in zip(session.presented, session.answers, strict=False):
+            condition = ", ".join(f"{name} {level}" for name, level in trial.levels.items())
+            rated.setdefault(condition, []).append(float(answer.answer))
+    lines = ["", f"{'answers':>8}{'mean':>9}{'SD':>9}  condition"]
+    for condition, all_rated in sorted(rated.items()):
+        spread = f"{statistics.stdev(all_rated):.3f}" if len(all_rated) > 1 else "-"
+        lines.append(f"{len(all_rated):>8}{statistics.fmean(all_rated):>9.3f}{spread:>9}  {condition}")
     return lines
-
-
-def sensitivity(session: Session) -> float:
-    """Return d' of a session with two answers, of which a factor says the right one."""
-    first = next(iter(session.experiment.answers))
-    given = {True: [0, 0], False: [0, 0]}
-    for trial, answer in zip(session.presented, session.answers, strict=False):
-        count = given[trial.correct == first]
-        count[0] += answer.answer == first
-        count[1] += 1
-    return d_prime((given[True][0], given[True][1]), (given[False][0], given[False][1]))
 
 
 def _curves(session: Session) -> Iterator[ConditionCurve]:

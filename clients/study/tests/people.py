@@ -32,8 +32,7 @@ def answered(session: Session, rule: Callable[[Trial], str]) -> Session:
 
 def session(participant: str, correct: int, trials: int = 20, seed: int = 5) -> Session:
     """A complete session of the paper's with the first `correct` trials recognised."""
-    left = iter(range(trials))
-    wrong = {"low": "high", "high": "low"}
+    left, wrong = iter(range(trials)), {"low": "high", "high": "low"}
     return answered(
         Session(participant, seed, paper(trials)),
         lambda trial: trial.correct if next(left) < correct else wrong[trial.correct],

@@ -46,9 +46,3 @@ def test_p_is_the_binomial_tail_and_the_interval_clopper_and_pearson_s() -> None
         further = [k for k in range(21) if abs(k - 10) >= abs(correct - 10)]
         assert person("P", correct).p == pytest.approx(sum(math.comb(20, k) for k in further) / 2**20)
     assert person("P", 20).interval_frac == (pytest.approx(0.025 ** (1 / 20)), 1.0)
-
-
-def test_the_sign_test_counts_participants_off_chance() -> None:
-    judged = group((10, 11, 12, 9, 20))
-    assert (judged.above, judged.below) == (3, 1)
-    assert judged.sign_p == pytest.approx(2 * (1 + 4) / 16)

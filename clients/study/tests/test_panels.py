@@ -29,9 +29,6 @@ def pressed_soon(keyboard: Keyboard) -> str | None:
     return next((key for _ in range(100_000) if (key := keyboard.pressed()) is not None), None)
 
 
-# --- the terminal -----------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def terminal() -> Iterator[tuple[int, int]]:
     ours, theirs = pty.openpty()
@@ -74,9 +71,6 @@ def test_the_end_of_input_ends_the_session() -> None:
         with pytest.raises(KeyboardInterrupt):
             keyboard.pressed()
     os.close(read)
-
-
-# --- the browser ------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from people import answered, write
-from test_experiment import BARE, QUEST, SPOT
+from test_experiment import BARE, QUEST
 from test_report import outcome, rows
 
 from hapticd_study.experiment import parse
@@ -83,12 +83,6 @@ def test_ratings_have_their_mean_by_condition(tmp_path: Path, capsys: pytest.Cap
     _, output, _ = outcome(capsys, "report", str(tmp_path))
     lines = [line.split() for line in output.splitlines() if "period_mm" in line]
     assert lines == [["8", "1.500", "0.535", "period_mm", "1.0"], ["8", "2.500", "0.535", "period_mm", "2.0"]]
-
-
-def test_two_answers_have_d_prime(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(tmp_path, held("P1", {**SPOT, "trials": 40}, lambda trial: trial.correct))
-    _, output, _ = outcome(capsys, "report", str(tmp_path))
-    assert "P1: d' 3.96" in output
 
 
 def test_experiments_are_not_mixed(tmp_path: Path, refused: Callable[..., str]) -> None:
