@@ -43,7 +43,7 @@ class Lead:
     """What stands between a sensor and its converter; the defaults are a sound lead.
 
     `hum_lsb` is the amplitude of the mains, `clip_lsb` the preamplifier's range to either side of its middle, 0 for the
-    converter's own, `heard_lsb_per_v` what it picks up of all amplifiers' voltages together.
+    converter's own, `pickup_lsb_per_v` what it picks up of all amplifiers' voltages together.
     """
 
     offset_lsb: float = 0.0
@@ -51,7 +51,7 @@ class Lead:
     hum_lsb: float = 0.0
     hum_hz: float = 50.0
     clip_lsb: float = 0.0
-    heard_lsb_per_v: float = 0.0
+    pickup_lsb_per_v: float = 0.0
 
 
 class CarrierBoard(Board):

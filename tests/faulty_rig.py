@@ -195,7 +195,7 @@ class FaultyRig(SimulatedBench):
             elif one.cause is Flaw.SENSOR_NOISY:
                 lead = replace(lead, noise_lsb=one.size)
             elif one.cause is Flaw.SENSOR_FLOATING:
-                lead = replace(lead, hum_lsb=one.size, noise_lsb=10.0, heard_lsb_per_v=0.2)
+                lead = replace(lead, hum_lsb=one.size, noise_lsb=10.0, pickup_lsb_per_v=0.2)
             elif one.cause is Flaw.PREAMPLIFIER_CLIPS:
                 lead = replace(lead, clip_lsb=one.size * self._largest_lsb(sensor))
         return lead

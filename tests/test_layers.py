@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import COMMANDS
+from hapticd.bench.command import PARTS
 
 PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
@@ -204,17 +205,18 @@ def test_a_heavy_library_is_imported_where_it_is_needed_alone(libraries: set[str
 
 
 def test_code_that_only_tests_use_is_in_tests() -> None:
-    """Commands, benches and calibration steps are found by their folders; all else is imported or run by something."""
-    found_by_folder = ("tools.calibrate.", "bench.", "compiled.", "sim.plate.make_stored")
-    commands = {command.module for command in COMMANDS.values()}
+    """Commands and calibration steps are found by their folders; all else is imported or run by something."""
+    found_by_folder = ("tools.calibrate.", "compiled.", "sim.plate.make_stored")
+    commands, benches = {command.module for command in COMMANDS.values()}, {f"bench.{part}" for part in PARTS}
     used = {
         name.removeprefix("hapticd.")
         for path in PACKAGE.rglob("*.py")
         for name in (imported_names(path) | named_modules(path)) - {f"hapticd.{module_of(path)}"}
     }
     modules = {module_of(path).removeprefix("hapticd.") for path in layer_files() if path.name != "__init__.py"}
-    lone = {name for name in modules - used - commands if not name.startswith(found_by_folder)}
+    lone = {name for name in modules - used - commands - benches if not name.startswith(found_by_folder)}
     assert lone == set()
+    assert benches <= modules
 
 
 # Names that others call (two decoders), and that each of two protocols has for its own request.

@@ -110,7 +110,7 @@ void an_prepare(an_plate_t *plate)
         prepare_mode(plate, p);
     }
     for (int s = 0; s < HD_MODES; s++) {
-        plate->heard_lsb_per_v[s] = plate->lead[s].fault == AN_SOUND ? plate->lead[s].heard_lsb_per_v : 0.0;
+        plate->pickup_lsb_per_v[s] = plate->lead[s].fault == AN_SOUND ? plate->lead[s].pickup_lsb_per_v : 0.0;
     }
     plate->amplifier_share = 1.0 - exp(-TURN_RAD * plate->amplifier_hz * HALF_S);
     plate->preamplifier_share = 1.0 - exp(-TURN_RAD * plate->preamplifier_hz * STEP_S);
@@ -176,7 +176,7 @@ static inline double all_v(const an_plate_t *plate)
 /* What the sensors show, before their leads. */
 static inline void sense(const an_plate_t *plate, double own_lsb[AN_WIRE_LANES])
 {
-    an_wires_t signals_lsb = plate->heard_lsb_per_v * all_v(plate);
+    an_wires_t signals_lsb = plate->pickup_lsb_per_v * all_v(plate);
     for (int p = 0; p < AN_MODES_MAX; p++) {
         signals_lsb += plate->hears_lsb_per_um[p] * plate->x_um[p];
     }
@@ -188,7 +188,7 @@ static void break_leads(an_plate_t *plate, double own_lsb[AN_WIRE_LANES], double
 {
     double shown_lsb[HD_MODES];
     for (int s = 0; s < HD_MODES; s++) {
-        shown_lsb[s] = through_lead(plate, s, own_lsb, plate->lead[s].heard_lsb_per_v * all_v(plate));
+        shown_lsb[s] = through_lead(plate, s, own_lsb, plate->lead[s].pickup_lsb_per_v * all_v(plate));
         noise_lsb[s] = bell(&plate->random);
     }
     memcpy(own_lsb, shown_lsb, sizeof shown_lsb);

@@ -53,8 +53,8 @@ typedef struct {
     double kept;          /* of the signal */
     double clip_lsb;
     double noise_lsb, hum_lsb, offset_lsb;
-    double pickup;         /* by an open lead, of the other sensor's signal */
-    double heard_lsb_per_v; /* and of each amplifier's voltage, always */
+    double pickup;        /* by an open lead, of the other sensor's signal */
+    double pickup_lsb_per_v; /* and of each amplifier's voltage, always */
 } an_lead_t;
 
 typedef struct {
@@ -80,7 +80,7 @@ typedef struct {
     an_modes_t xx, xv, vx, vv, x_first, v_first, x_second, v_second;
     an_modes_t push[HD_MODES];  /* force of a volt, by amplifier */
     an_wires_t hears_lsb_per_um[AN_MODES_MAX]; /* of each mode, by sensor */
-    an_wires_t heard_lsb_per_v;                /* by sound leads */
+    an_wires_t pickup_lsb_per_v;                /* by sound leads */
     /* The finger's force is -drag times its speed at the beginning of a half: phi.v, then that of halfway. */
     an_modes_t phi, drag, halfway_x, halfway_v, halfway_force;
     double halfway_drag;

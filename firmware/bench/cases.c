@@ -124,7 +124,7 @@ static void draw_leads(case_t *c, an_random_t *random, enum an_fault fault)
         lead->hum_lsb = an_below(random, 2) * an_uniform(random, 0.0, 600.0);
         lead->pickup = an_below(random, 2) * an_uniform(random, -0.03, 0.03);
         if (lead->fault == AN_FLOATING || fault == AN_SOUND) {
-            lead->heard_lsb_per_v = (clipped ? 1.0 : 0.0) * percent_um / V_LIMIT_V / plate->um_per_lsb / HD_MODES;
+            lead->pickup_lsb_per_v = (clipped ? 1.0 : 0.0) * percent_um / V_LIMIT_V / plate->um_per_lsb / HD_MODES;
         }
     }
 }

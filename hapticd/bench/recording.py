@@ -31,7 +31,7 @@ class Call(NamedTuple):
 
     @property
     def t_ns(self) -> int:
-        """Instant of the reference, in virtual time."""
+        """Instant of the call, in virtual time."""
         return int(self.arguments[-1])
 
 

@@ -73,7 +73,7 @@ class PipelineSettings:
 
     `contact_radius_mm` above 0 makes
     fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_ellipse`).
-    `uncertain_frac` is what the solver takes each mode's amplitude to err by.
+    `uncertain_frac` is the relative standard deviation of a mode's amplitude.
     `frame_duration_ns` is how long one frame must last: one and a half report periods, to
     bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
     may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
@@ -299,8 +299,8 @@ class Pipeline:
         return PlayedReference(modal_um, at.places, at.speed_gains, self._fingers.ellipses(keys))
 
     def motions(self, keys: Sequence[FingerKey], t_ns: int) -> list[tuple[float, float]]:
-        """Each of these fingers' variance of place at an instant, in mm^2 on each axis, and how fast
-        it gains, in mm/s."""
+        """Return each finger's variance of place at an instant, in mm^2 on each axis, and the speed for its friction,
+        in mm/s."""
         variances_mm2 = self._fingers.variances_mm2(keys, t_ns)
         return [(variances_mm2[n], self._frame.speed_mm_s(keys[n], t_ns)) for n in range(len(keys))]
 

@@ -238,8 +238,8 @@ class Machine:
         return self.pipeline.drive(t_now_ns, timing, frames)
 
     def link_timing(self, t_now_ns: int) -> LinkTiming:
-        """Timing of a pass by the board; its computing is in `ahead_ns`. A board on standby is given the
-        last reference when it wakes."""
+        """Return the board's timing for a pass; its computing is in `ahead_ns`. A board on standby is given the last
+        reference when it wakes."""
         session = self.session
         is_followed = session.is_on_standby or session.holds(t_now_ns)
         return LinkTiming(session.latency.link_ns, self.supervisor.state in DRIVING, is_followed)

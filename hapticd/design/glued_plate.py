@@ -56,7 +56,9 @@ class GluedPlate:
     patches: tuple[Patch, ...] = ()
 
     def modes(self, band_hz: tuple[float, float], finer: int = 0) -> list[tuple[float, ModeShape]]:
-        """Return the bending modes in `band_hz` as (frequency_hz, shape), lowest first, by `finer` degrees more.
+        """Return the bending modes in `band_hz` as (frequency_hz, shape), lowest first.
+
+        `finer` degrees of the polynomials in addition show what is left of convergence.
 
         On a square bare plate the modes odd along one axis and even along the other come in pairs of equal frequency:
         the one odd along x first, then the same turned (x and y exchanged), so that "11x0" is the X mode and "0x11" the

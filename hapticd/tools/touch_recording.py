@@ -192,7 +192,7 @@ def _ticks(collected: Collected, t_start_ns: int) -> Ticks:
 
 
 class _Around(NamedTuple):
-    """Estimate each from the samples before and after: slope (T, M), distance from their mean, and if both are near."""
+    """Neighbours of each sample: their slope (T, M), its distance from their mean, and whether both are near."""
 
     slope_um_s: ComplexArray
     off_um: ComplexArray

@@ -89,7 +89,6 @@ def _played(
 
 
 def _least(turns_ms: Costs) -> list[float]:
-    """Of each call."""
     return [*map(min, zip(*turns_ms, strict=True))]
 
 

@@ -1,4 +1,4 @@
-"""Messages that a WebSocket of `hapticd gateway` takes beside the messages of the sockets `targets` and `control`."""
+"""Messages of a WebSocket of `hapticd gateway` in addition to those of the sockets `targets` and `control`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thresholds of each participant and condition, and ratings: rows of the report besides the success rates."""
+"""Thresholds of each participant and condition, and ratings: rows of the report."""
 
 from __future__ import annotations
 

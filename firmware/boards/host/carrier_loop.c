@@ -67,7 +67,7 @@ bool hd_carrier_loop_init(hd_carrier_loop_t *loop, const hd_board_setup_t *setup
 static double through_lead(const hd_carrier_loop_t *loop, int k, double sensed_um)
 {
     const hd_lead_t *lead = &loop->lead[k];
-    double steps = sensed_um / loop->converters.um_per_lsb + lead->heard_lsb_per_v * loop->played_v;
+    double steps = sensed_um / loop->converters.um_per_lsb + lead->pickup_lsb_per_v * loop->played_v;
     if (lead->clip_lsb > 0.0) {
         steps = fmin(fmax(steps, -lead->clip_lsb), lead->clip_lsb);
     }

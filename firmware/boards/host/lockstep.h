@@ -32,7 +32,7 @@ typedef struct {
     double hum_lsb; /* of the mains, at hum_hz */
     double hum_hz;
     double clip_lsb; /* the preamplifier's range to either side of its middle; 0: as far as the converter's */
-    double heard_lsb_per_v; /* of the voltages of all amplifiers together */
+    double pickup_lsb_per_v; /* of the voltages of all amplifiers together */
 } hd_lead_t;
 
 typedef struct {

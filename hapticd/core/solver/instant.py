@@ -101,8 +101,8 @@ class InstantSolver:
     """Solver of one plate.
 
     `contact_radius_mm`: fingers are discs of it where their ellipses are not known, points if it is 0; `friction_curve`
-    is what they feel; `uncertain_frac` is by how much a mode's amplitude errs. `derates`: amplitude gives way in the
-    paper's case.
+    is what they feel; `uncertain_frac` is the relative standard deviation of a mode's amplitude. `derates`:
+    amplitude gives way in the paper's case.
     """
 
     def __init__(

@@ -41,7 +41,7 @@ _WIRES = ("drive", "sense", "feedthrough_um_per_v")  # of a calibration
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """Parts of a machine. `t_start_ns` is the recording's begin on the host's monotonic clock, `started_utc`
+    """A machine as it was made. `t_start_ns` is the recording's begin on the host's monotonic clock, `started_utc`
     the same on the wall's, `hapticd` the version; `is_whole`: the machine had no input before."""
 
     hapticd: str

@@ -187,7 +187,7 @@ def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: TouchCalibratio
 
 
 class Guide:
-    """Report where to touch, from the recording's start on; `begin` is called then."""
+    """Guidance where to touch, from the recording's start on; `begin` is called then."""
 
     def __init__(
         self,

@@ -135,9 +135,9 @@ def _draw_modes(axis: Any, tables: Mapping[str, _Table], part: _Part) -> None:
     for mode in modes:
         colour = MODE_COLOURS[mode % len(MODE_COLOURS)]
         mark = MODE_NAMES[mode] if mode < len(MODE_NAMES) else str(mode + 1)
-        found = _of(references, "mode", mode)
-        if found:
-            t_ns, reference_um = in_force(found)
+        asked = _of(references, "mode", mode)
+        if asked:
+            t_ns, reference_um = in_force(asked)
             part.draw(axis, _seconds(t_ns, begin_s), reference_um.real, color=colour, **REFERENCE)
         found = _of(did, "mode", mode)
         if found:

@@ -44,7 +44,6 @@ def places(points_mm: Array, targets_um: tuple[float, ...]) -> list[tuple[float,
 def settled(
     plate: ModeShapes, points_mm: Array, targets_um: tuple[float, ...], *of_solver: Any, priorities: Any = None
 ) -> Phasors:
-    """`of_solver`: limits in um, and by how much modes err."""
     one, modal_um = solver(plate, *of_solver), (0j,) * 4
     for _ in range(40):
         modal_um = one.solve(places(points_mm, targets_um), modal_um, 100 * MS, priorities=priorities).modal_um
