@@ -5,9 +5,10 @@ and outliers, is fitted as `hapticd calibrate modes` does, and from the maps, th
 to each mode follows which modes are driven, and at which frequency (`mode_choice`). What is felt is judged on the true
 shapes, with the motion of the modes that stay undriven.
 
-A modulus or a thickness that is off moves all frequencies by nearly one factor, and the drive follows; families of
-modes move by different amounts. Edges of different length split pairs of equal frequency, by 30 Hz per 0.1 mm on
-200 mm, and unmix the shapes of a square plate.
+A plate is cut after its sheet was measured: edges and places are to the thickness as drawn, so that all frequencies
+move by one factor, and the drive follows. At drawn edges bending modes would move with the thickness, and those in the
+plane, which stay, would come among the driven ones. Edges of different length split pairs of equal frequency, by 30 Hz
+per 0.1 mm on 200 mm, and unmix the shapes of a square plate.
 
 Left out: wires, supports, uneven thickness, and errors of the frequencies and of the forces that a sweep measures.
 """
@@ -33,10 +34,10 @@ from .mode_shape import ModeShape
 from .scan import sample_scan
 from .section import wave_hz, wave_rad_mm
 
-# Largest errors, each uniformly distributed: a cut by a glass shop, a batch's modulus, float glass (EN 572-2), the
-# place of a patch. GLUE_FRAC is of a patch's stiffness and force: 5 to 15 um of epoxy shear over 0.4 to 0.7 mm at each
-# of its edges, an estimate.
-SIZE_MM, YOUNG_FRAC, THICKNESS_MM, PATCH_MM, GLUE_FRAC = 0.1, 0.02, 0.2, 0.5, 0.2
+# Largest errors, each uniformly distributed: a cut by a glass shop, a batch's modulus, float glass (EN 572-2), a
+# caliper's reading of its thickness, the place of a patch. GLUE_FRAC is of a patch's stiffness and force: 5 to 15 um of
+# epoxy shear over 0.4 to 0.7 mm at each of its edges, an estimate.
+SIZE_MM, YOUNG_FRAC, THICKNESS_MM, CALIPER_MM, PATCH_MM, GLUE_FRAC = 0.1, 0.02, 0.2, 0.02, 0.5, 0.2
 NEAR_HZ = 600.0  # from the drive that is expected: modes that are scanned, so that some stay undriven
 SCAN_STEP_MM = 6.0
 PLACES = 300
@@ -57,11 +58,12 @@ class Copy(NamedTuple):
         if self.number == 0:
             return plate
         random = np.random.default_rng([_STREAM, self.number])
-        x, y, young, thickness = random.uniform(-1.0, 1.0, 4).tolist()
-        size_mm = (plate.size_mm[0] + x * SIZE_MM, plate.size_mm[1] + y * SIZE_MM)
-        young_gpa = plate.material.young_gpa * (1.0 + young * YOUNG_FRAC)
-        patches = tuple(_glued(patch, size_mm, random) for patch in plate.patches)
+        x, y, young, thickness, read = random.uniform(-1.0, 1.0, 5).tolist()
         thickness_mm = plate.thickness_mm + thickness * THICKNESS_MM
+        scale = (thickness_mm + read * CALIPER_MM) / plate.thickness_mm
+        size_mm = (plate.size_mm[0] * scale + x * SIZE_MM, plate.size_mm[1] * scale + y * SIZE_MM)
+        young_gpa = plate.material.young_gpa * (1.0 + young * YOUNG_FRAC)
+        patches = tuple(_glued(patch, plate.size_mm, size_mm, random) for patch in plate.patches)
         return GluedPlate(size_mm, thickness_mm, replace(plate.material, young_gpa=young_gpa), patches)
 
     def modes(self) -> GluedModes:
@@ -69,7 +71,7 @@ class Copy(NamedTuple):
         Raises ValueError."""
         made, drawn = self.made(), self.plate
         rad_mm = wave_rad_mm(self.drive_hz, drawn.thickness_mm, drawn.material)
-        drive_hz = wave_hz(rad_mm, made.thickness_mm, made.material)
+        drive_hz = wave_hz(rad_mm * drawn.size_mm[0] / made.size_mm[0], made.thickness_mm, made.material)
         measure = partial(scanned, seed=(_STREAM, self.number))
         return GluedModes(made, (drive_hz - NEAR_HZ, drive_hz + NEAR_HZ), self.task, PLACES, measure=measure)
 
@@ -110,14 +112,19 @@ def scanned(shapes: Sequence[ModeShape], seed: Sequence[int]) -> ModeShapes:
     return fit_scan(*scan, size_mm=shapes[0].size_mm, normalise=False, by="plate_equation").modes
 
 
-def _glued(patch: Patch, size_mm: tuple[float, float], random: np.random.Generator) -> Patch:
-    """Return the patch moved at random, away from the edges it is near, to a place on a plate of this size, with the
-    stiffness that its glue leaves it."""
-    x_mm, y_mm = (
-        math.copysign(min(abs(middle_mm) - off_mm, (edge_mm - width_mm) / 2.0), middle_mm)
-        for middle_mm, off_mm, edge_mm, width_mm in zip(
-            (patch.x_mm, patch.y_mm), random.uniform(0.0, PATCH_MM, 2).tolist(), size_mm, patch.size_mm, strict=True
-        )
-    )
+def _glued(
+    patch: Patch, drawn_mm: tuple[float, float], size_mm: tuple[float, float], random: np.random.Generator
+) -> Patch:
+    """Return the patch with the stiffness that its glue leaves it, at its place to scale on a plate of this size, or at
+    the edge where it is drawn there, and moved at random away from the edges it is near."""
+    off_mm = random.uniform(0.0, PATCH_MM, 2).tolist()
+    x_mm, y_mm = map(_placed, (patch.x_mm, patch.y_mm), patch.size_mm, drawn_mm, size_mm, off_mm)
     young_gpa = patch.material.young_gpa * (1.0 - random.uniform(0.0, GLUE_FRAC))
     return replace(patch, x_mm=x_mm, y_mm=y_mm, material=replace(patch.material, young_gpa=young_gpa))
+
+
+def _placed(middle_mm: float, width_mm: float, drawn_mm: float, edge_mm: float, off_mm: float) -> float:
+    most_mm, place_mm = (edge_mm - width_mm) / 2.0, abs(middle_mm)
+    if place_mm < (drawn_mm - width_mm) / 2.0:
+        most_mm = min(most_mm, place_mm * edge_mm / drawn_mm)
+    return math.copysign(most_mm - off_mm, middle_mm)

@@ -77,8 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerances",
         type=whole(1, 10000),
         metavar="N",
-        help="of the best three take the one with most felt on nine in ten of N copies as they may be made: edges "
-        "within 0.1 mm, modulus 2 %%, thickness 0.2 mm, patches 0.5 mm, glue; each is scanned and set up, in 4 s",
+        help="of the best three take the one with most felt on nine in ten of N copies as they may be made: "
+        "thickness 0.2 mm off, edges cut to it within 0.1 mm, modulus 2 %%, patches 0.5 mm, glue; each is scanned and "
+        "set up, in 4 to 10 s",
     )
     parser.add_argument(
         "--friction",

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..config.sections import Config, PlateConfig
 from ..design.felt_search import FeltDesign
-from ..design.felt_tolerances import THICKNESS_MM, Tolerances
+from ..design.felt_tolerances import CALIPER_MM, YOUNG_FRAC, Tolerances
 from ..design.glued_plate import GluedPlate
 from ..design.materials import MATERIALS
 from ..design.mode_choice import FeltTask
@@ -124,8 +124,8 @@ def felt_verdict(
         nominal_frac, tenth_frac = study.nominal_frac, study.tenth_frac
         lines.append(
             f"tolerances: as drawn {nominal_frac:.0%} of places at rest; of {len(study.felt_frac)} copies nine in ten "
-            f"{tenth_frac:.0%} or more, {tenth_frac / max(nominal_frac, 1e-9):.2f} of that (computed; edges 0.1 mm, "
-            "thickness 0.2 mm, modulus 2 %, patches 0.5 mm, glue; each scanned and set up)"
+            f"{tenth_frac:.0%} or more, {tenth_frac / max(nominal_frac, 1e-9):.2f} of that (computed; thickness 0.2 "
+            "mm, edges cut to it within 0.1 mm, modulus 2 %, patches 0.5 mm, glue; each scanned and set up)"
         )
     lines += map(str, asked)
     judged = f"not enough friction as asked ({'; '.join(lacks)})" if lacks else "enough friction as asked"
@@ -145,13 +145,15 @@ def _known_when(design: FeltDesign, study: Tolerances | None) -> list[str]:
     drive_hz = design.drive_hz
     in_plane = design.plate.in_plane_hz((max(drive_hz - FARTHEST_HZ, 0.0), drive_hz + FARTHEST_HZ))
     away_hz = min((abs(hz - drive_hz) for hz in in_plane), default=FARTHEST_HZ)
-    off_hz = design.drive_hz * THICKNESS_MM / design.plate.thickness_mm
+    thickness_mm = design.plate.thickness_mm
+    off_hz = drive_hz * (YOUNG_FRAC / 2.0 + CALIPER_MM / thickness_mm)
+    times = " and ".join(f"{mm / thickness_mm:.4g}" for mm in dict.fromkeys(design.plate.size_mm))
     return [
-        f"certain before the order: {_plate_name(design.plate)}, where these are glued, families of modes such as "
-        f"{families}; {least}",
+        f"certain before the order: edges of {times} times the sheet's thickness, measured within {CALIPER_MM:g} mm "
+        f"before it is cut; where patches are glued, to scale; families of modes such as {families}; {least}",
         f"modes in the plane, which patches move, too: {away_hz:.0f} Hz or more from the drive (computed)",
-        f"only the scan decides: frequencies, {off_hz:.0f} Hz to either side of {design.drive_hz:.0f}, and which modes "
-        "near the drive are used (`hapticd calibrate modes`)",
+        f"only the scan decides: frequencies, {off_hz:.0f} Hz to either side of {drive_hz:.0f} x {thickness_mm:g} mm / "
+        "thickness, and which modes near the drive are used (`hapticd calibrate modes`)",
     ]
 
 

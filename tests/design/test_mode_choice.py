@@ -71,6 +71,7 @@ def test_a_copy_is_the_same_again_within_its_tolerances() -> None:
     made = Copy(plate, 29500.0, TASK, 17).made()
     assert made == Copy(plate, 29500.0, TASK, 17).made() != Copy(plate, 29500.0, TASK, 18).made()
     assert 0.0 < abs(made.thickness_mm - 2.0) <= 0.2
+    assert np.abs(np.array(made.size_mm) - 50.0 * made.thickness_mm).max() <= 50.0 * 0.02 + 0.1  # cut as measured
     for one in made.patches:
-        assert max(abs(one.x_mm) + 4.0 - made.size_mm[0] / 2.0, abs(one.y_mm) + 4.0 - made.size_mm[1] / 2.0) <= 0.0
+        assert 0.0 <= min(np.array(made.size_mm) / 2.0 - 4.0 - np.abs((one.x_mm, one.y_mm))) <= 0.5
         assert 0.8 <= one.material.young_gpa / patches[0].material.young_gpa <= 1.0
