@@ -171,6 +171,7 @@ class BoardStatus(NamedTuple):
     amplifier. `drive_hz` follows the plate; 0 of a board that does not say it. `pulsed`: the sync output rose as
     this frame took effect. `number` counts statuses; None of a board that does not. `refusal` is why frame
     `refused_seq`, the session's last that was not taken, was refused (`board_protocol.REFUSALS`); 0: none was.
+    `holdable_frac` (M,) is the share of each mode's limit that the voltage holds now; empty of a board that does not say.
     """
 
     t_board_us: int
@@ -192,6 +193,7 @@ class BoardStatus(NamedTuple):
     number: int | None = None
     refused_seq: int = 0
     refusal: int = 0
+    holdable_frac: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

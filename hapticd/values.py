@@ -136,12 +136,14 @@ class FingerFrame(NamedTuple):
 
 class LinkTiming(NamedTuple):
     """Timing of a pass by the board: how far ahead its reference takes effect, whether one other than zero may go
-    out, and whether the board has the last one (else it is sent again, however still the fingers are).
+    out, and whether the board has the last one (else it is sent again, however still the fingers are); and
+    `holdable_frac` as in `board_values.BoardStatus`.
     """
 
     ahead_ns: int
     may_drive: bool = True
     is_followed: bool = True
+    holdable_frac: tuple[float, ...] = ()
 
 
 class Solution(NamedTuple):

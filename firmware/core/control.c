@@ -3,6 +3,7 @@
 #include "control_laws.h"
 #include "coupling.h"
 #include "exponential.h"
+#include "governor.h"
 #include "memory.h"
 
 /* Found on the simulated plate over Q 200..1000, damping x0.5..x1.5 and detuning +-20 Hz (`hapticd bench firmware`).
@@ -186,6 +187,14 @@ hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode)
     const hd_mode_model_t *model = &control->design.plant.model[mode];
     hd_phasor_t change_1_s = hd_scale(model->gain_um_per_v_s, control->loop[mode].observer.change_v_per_um);
     return (hd_estimate_t){model->decay_1_s - change_1_s.d, model->detuning_rad_s + change_1_s.q};
+}
+
+float hd_control_holdable(const hd_control_t *control, int mode, float w_um, float v_limit_v)
+{
+    hd_phasor_t holding_v[HD_MODES] = {{0.0f, 0.0f}};
+    holding_v[mode] = hd_observer_holding_v(&control->loop[mode].observer, &control->design.observer[mode],
+                                            (hd_phasor_t){w_um, 0.0f});
+    return hd_holdable_fraction(&control->design.wires, holding_v, v_limit_v);
 }
 
 static bool decide(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],

@@ -88,6 +88,9 @@ void hd_control_reset(hd_control_t *control);
 
 hd_estimate_t hd_control_estimate(const hd_control_t *control, int mode);
 
+/* The share of this amplitude that the amplifiers hold in one mode alone, of the plate as it has turned out to be. */
+float hd_control_holdable(const hd_control_t *control, int mode, float w_um, float v_limit_v);
+
 /* One tick. Writes the amplifiers' voltages, each |V_k| <= v_limit_v; true if the voltage limit keeps the plate from
  * following. */
 bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],

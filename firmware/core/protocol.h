@@ -18,7 +18,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space. */
-#define HD_PROTOCOL_HASH 0xe9978b6fu
+#define HD_PROTOCOL_HASH 0x19c239d2u
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -328,6 +328,7 @@ typedef struct HD_PACKED {
     uint16_t number;      /* of this STATUS since the reset: a gap shows the flags of how many were lost */
     uint16_t refused_seq; /* the last REFERENCE of this session that was not taken */
     uint8_t refusal;      /* enum hd_refusal: why */
+    uint64_t holdable;    /* byte k: the share of mode k's W_LIM that the voltage holds now, of 255; 0: unknown */
 } hd_wire_status_t;
 
 typedef struct HD_PACKED {
@@ -399,7 +400,7 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "payloads are copied a
 _Static_assert(sizeof(hd_wire_reference_t) == 8, "a hole in REFERENCE");
 _Static_assert(sizeof(hd_wire_knot_t) == 2 + 8 * HD_MODES, "a hole in a knot");
 _Static_assert(sizeof(hd_wire_hello_t) == 54 + 4 * HD_MODES, "a hole in HELLO");
-_Static_assert(sizeof(hd_wire_status_t) == 37 + 16 * HD_MODES, "a hole in STATUS");
+_Static_assert(sizeof(hd_wire_status_t) == 45 + 16 * HD_MODES, "a hole in STATUS");
 _Static_assert(sizeof(hd_wire_time_t) == 16, "a hole in TIME");
 _Static_assert(sizeof(hd_wire_set_model_t) == 21, "a hole in SET_MODEL");
 _Static_assert(sizeof(hd_wire_set_wiring_t) == 20 * HD_MODES * HD_MODES, "a hole in SET_WIRING");

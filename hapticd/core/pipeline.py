@@ -151,6 +151,7 @@ class Pipeline:
             scene, self._fingers, self._solver, self._planner, settings.tolerance_um, self.counters
         )
         self._active = ActiveReference(modes.M, self._planner, settings.tolerance_um)
+        self._holdable_frac: tuple[float, ...] = ()
 
     def set_knot_limits(self, max_knots: int, effect_knots: int) -> None:
         """Set how many knots a frame may have, and while an effect plays: a faster line carries more."""
@@ -225,7 +226,7 @@ class Pipeline:
         effect `timing.ahead_ns` from now, or none if the last one still holds."""
         for frame, t_read_ns in frames:
             self.touch(frame, t_read_ns)
-        link_ns, may_drive, is_followed = timing
+        link_ns, may_drive, is_followed, holdable_frac = timing
         self.counters.passes += 1
         if self._surfaces.layers:
             self._surfaces.expire(t_now_ns)
@@ -238,6 +239,9 @@ class Pipeline:
         keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if may_drive else []
         if not keys:
             return self.silence(t_now_ns, link_ns)
+        if holdable_frac != self._holdable_frac and len(holdable_frac) == self.modes.M:
+            self._holdable_frac = holdable_frac
+            self._solver.hold(holdable_frac)
         if not is_followed:
             self.invalidate_reference()
         if effects.playing or effects.felt:

@@ -242,7 +242,8 @@ class Machine:
         reference when it wakes."""
         session = self.session
         is_followed = session.is_on_standby or session.holds(t_now_ns)
-        return LinkTiming(session.latency.link_ns, self.supervisor.state in DRIVING, is_followed)
+        holdable_frac = () if session.status is None else session.status.holdable_frac
+        return LinkTiming(session.latency.link_ns, self.supervisor.state in DRIVING, is_followed, holdable_frac)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,

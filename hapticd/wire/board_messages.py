@@ -120,7 +120,7 @@ def _read_status(payload: bytes) -> BoardStatus | None:
         if more_bytes not in _ENDS_OF_STATUS:
             return None
         payload = payload.ljust(more_at + _MORE_BYTES, b"\0")
-    drive_hz, number, refused_seq, refusal = _unpack_more_status(payload, more_at)
+    drive_hz, number, refused_seq, refusal, holdable = _unpack_more_status(payload, more_at)
     if not (state in STATES and flags <= 15 and modes >= 1 and isfinite(sum(values) + drive_hz)):
         return None
     # As `hapticd.values` says: one comes for each report.
@@ -144,6 +144,7 @@ def _read_status(payload: bytes) -> BoardStatus | None:
         number if more_bytes >= _NUMBERED else None,
         refused_seq,
         refusal,
+        tuple([share / 255.0 for share in holdable.to_bytes(8, "little")[:modes]]) if holdable > 0 else (),
     ))  # fmt: skip
 
 

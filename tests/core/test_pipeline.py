@@ -174,6 +174,17 @@ def test_faster_fingers_get_more_knots_and_the_polyline_is_within_tolerance() ->
     assert counts[-1] > 4
 
 
+def test_a_mode_is_asked_for_no_more_than_its_voltage_holds() -> None:
+    bench = Bench(contact_radius_mm=5.0)
+    bench.land({SLIPPERY: 3.0})
+    largest_um = []
+    for share in (1.0, 0.3):
+        timing = LinkTiming(LINK_NS, is_followed=False, holdable_frac=(share, 1.0))
+        knots = [bench.pipeline.drive(bench.t_ns, timing).drive.knots[-1] for _ in range(8)]
+        largest_um.append(abs(knots[-1].modal_um[0]))
+    assert largest_um[1] <= 0.3 * 4.0 < largest_um[0]
+
+
 def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
     path = VirtualPath(((-60.0, 4.0), (60.0, 20.0)), 100.0, loop=True)
     square = Grating(period_mm=2.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.5)

@@ -134,6 +134,7 @@ def test_a_reference_out_of_reach_is_shrunk_whole(law: Law) -> None:
     assert settling_ms(w_um[:, 1], w_um[-1, 1], law.tick_ms) < 10
     (status,) = of_kind(BoardStatus, device.Decoder().feed(board.transmit()))
     assert status.saturated
+    assert status.holdable_frac == pytest.approx((abs(w_um[-1, 0]) / 4.0,) * 2, abs=0.01)
 
 
 @settings(max_examples=60)

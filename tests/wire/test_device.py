@@ -270,21 +270,22 @@ def test_a_mode_calibrated_far_from_the_drive_is_refused() -> None:
 
 
 def test_a_status_may_grow_at_its_end() -> None:
-    for tail, drive_hz, number, refused, refusal in (
-        (b"", 0.0, None, 0, 0),
-        (struct.pack("<f", 29205.0), 29205.0, None, 0, 0),
-        (protocol.MORE_STATUS.pack(29205.0, 9, 712, 3), 29205.0, 9, 712, 3),
-        (protocol.MORE_STATUS.pack(29205.0, 9, 712, 3) + b"of a later version", 29205.0, 9, 712, 3),
+    more = protocol.MORE_STATUS.pack(29205.0, 9, 712, 3, 0xFF33)
+    for tail, drive_hz, number, refused, refusal, holdable_frac in (
+        (b"", 0.0, None, 0, 0, ()),
+        (more[:4], 29205.0, None, 0, 0, ()),
+        (more[:-8], 29205.0, 9, 712, 3, ()),
+        (more + b"of a later version", 29205.0, 9, 712, 3, (0.2, 1.0)),
     ):
         (status,) = device.Decoder().feed(frame(protocol.MSG_STATUS, STATUS + tail))
-        found = (status.drive_hz, status.number, status.refused_seq, status.refusal)
-        assert found == (drive_hz, number, refused, refusal)
+        found = (status.drive_hz, status.number, status.refused_seq, status.refusal, status.holdable_frac)
+        assert found == (drive_hz, number, refused, refusal, holdable_frac)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 7])
 def test_a_status_that_ends_within_a_field_is_refused(size: int) -> None:
     decoder = device.Decoder()
-    end = protocol.MORE_STATUS.pack(29205.0, 9, 712, 3)[:size]
+    end = protocol.MORE_STATUS.pack(29205.0, 9, 712, 3, 0xFF33)[:size]
     assert list(decoder.feed(frame(protocol.MSG_STATUS, STATUS + end))) == []
     assert decoder.invalid_types == {protocol.MSG_STATUS}
 
