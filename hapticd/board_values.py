@@ -171,7 +171,7 @@ class BoardStatus(NamedTuple):
     amplifier. `drive_hz` follows the plate; 0 of a board that does not say it. `pulsed`: the sync output rose as
     this frame took effect. `number` counts statuses; None of a board that does not. `refusal` is why frame
     `refused_seq`, the session's last that was not taken, was refused (`board_protocol.REFUSALS`); 0: none was.
-    `holdable_frac` (M,) is the share of each mode's limit that the voltage holds now; empty of a board that does not say.
+    `holdable_frac` (M,) is the share of each mode's limit that the voltage holds now; () if the board is silent on it.
     """
 
     t_board_us: int

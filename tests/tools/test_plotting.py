@@ -1,4 +1,4 @@
-"""Pictures: written in the format of their suffix, and errors before the work."""
+"""Pictures: errors come before the work."""
 
 from __future__ import annotations
 
@@ -9,17 +9,6 @@ import pytest
 
 from hapticd.errors import HapticdError, UsageError
 from hapticd.tools import outputs, plotting
-
-
-@pytest.mark.parametrize(
-    ("suffix", "begin"), [(".png", b"\x89PNG"), (".PNG", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")]
-)
-def test_a_picture_has_the_format_of_its_suffix(suffix: str, begin: bytes, tmp_path: Path) -> None:
-    figure, axes = plotting.subplots(2.0, 1.0, 1, 2, sharey=True)
-    assert axes.shape == (1, 2)
-    for colours in (None, 8):
-        plotting.save(figure, tmp_path / f"picture{suffix}", colours=colours)
-        assert (tmp_path / f"picture{suffix}").read_bytes().startswith(begin)
 
 
 def test_another_suffix_is_refused_before_the_work() -> None:
