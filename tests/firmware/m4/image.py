@@ -84,6 +84,8 @@ def _built(name: str, core_name: str, *variables: str) -> Image:
         fcntl.flock(makefile, fcntl.LOCK_EX)  # one of all test processes builds it
         _make(core.relative_to(FIRMWARE))
     shutil.copy2(core, folder)
+    chip = core_name.partition("-")[0]  # what it was made of, without which it would be made again
+    shutil.copytree(core.parent / chip, folder / chip)
     _make(f"BUILD={folder}", *variables, target)
     symbols = {name: int(address, 16) for address, name in _SYMBOL.findall(_tool("nm", target))}
     image = Image(target, _segments(target.read_bytes()), symbols, _instructions(target))
