@@ -3,7 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# Of what is installed less than half is ever imported: Python compiles it then.
+PIP := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 INSTALL := $(PIP) --no-build-isolation --no-deps --editable .
 LOCKED := $(PIP) --no-deps --require-hashes --requirement
 PACKAGES := $(VENV)/.packages
@@ -32,8 +33,8 @@ of = $$(grep -rl --include='test_*.py' '$(1)' tests clients/study/tests)
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
 # A rig keeps to real time and a busy machine may not: what fails there runs again alone, and must pass then.
 test-all: $(TESTS)
-	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis and not alone" $(call of,hypothesis)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
+	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 3 --dist loadfile -m "hypothesis and not alone" $(call of,hypothesis)
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
 	    $(call of,mark.long) || $(BIN)/python -m pytest -p no:xdist -rs -m long --last-failed --last-failed-no-failures none
 	$(BIN)/python -m pytest -p no:xdist -rs -m alone $(call of,mark.alone)
 
