@@ -37,7 +37,7 @@ settings.register_profile(
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
-settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False, max_examples=200)
+settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False, max_examples=100)
 settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
 
 OF_A_CALLER = ("HAPTICD_RUNTIME_DIR", "RUNTIME_DIRECTORY", "NOTIFY_SOCKET", "WATCHDOG_USEC", "JOURNAL_STREAM")

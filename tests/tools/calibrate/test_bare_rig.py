@@ -67,9 +67,8 @@ def walked(rig: FaultyRig, out: Path, monkeypatch: pytest.MonkeyPatch, order: Se
     return Walked(outcome is not Outcome.FAIL, tuple(named), tuple(misled), said)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_sound_rig_is_driven_without_a_finding(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig = FaultyRig(REFERENCE, (), seed, has_scope=False)
+def test_sound_rig_is_driven_without_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = FaultyRig(REFERENCE, (), 0, has_scope=False)
     found = walked(rig, tmp_path, monkeypatch)
     assert found.is_done, found.said
     assert (found.named, found.misled, rig.was_driven, rig.is_driven_in_danger) == ((), (), True, False)
