@@ -31,8 +31,7 @@ DEADLINE_S = 49e-6  # the DMA fetches a word one trigger before it is put out
 
 
 def live_bench(board: Chip, law: str = "deadbeat") -> Bench:
-    """At the fastest rate, which costs most."""
-    bench = Bench(board, board.image(5000))
+    bench = Bench(board, board.image(5000))  # the fastest rate, which costs most
     bench.to_board += encode(SetController(law))
     bench.arm(1.5 + 0.2j, -0.7, 0.3)
     bench.to_board += device.encode(Keepalive(bench.seq))
@@ -103,16 +102,11 @@ def test_chunks_ticks_and_locks_are_through_in_time(board: Chip, late_chunks: in
     assert bench.amplifiers
     trip_chunks, trip_ticks, _ = costs(bench, chunks=400)  # to a dead-man's trip and beyond
     assert not bench.amplifiers
-    chunk, tick = max(chunks + trip_chunks), max(ticks + trip_ticks, default=0)
-    chunk_cycles = CHUNK_S * board.core_hz
-    print(
-        f"{board.modes} modes: {100 * share:.1f} %, longest chunk {chunk}, tick {tick}, lock {lock}, quiet {quiet_lock}"
-    )
+    chunk, tick, chunk_cycles = max(chunks + trip_chunks), max(ticks + trip_ticks, default=0), CHUNK_S * board.core_hz
+    print(f"{board.modes} modes: {share:.3f}, longest chunk {chunk}, tick {tick}, lock {lock}, quiet {quiet_lock}")
     assert share <= load_max
     assert max(lock, quiet_lock) <= 0.09 * board.modes * chunk_cycles
     assert lock + chunk <= (1.0 if board.modes > 2 else 0.85) * DEADLINE_S * board.core_hz
-    assert (
-        tick + late_chunks * chunk <= late_chunks * chunk_cycles or late_chunks == 0
-    )  # begun by one, with those amid it
+    assert late_chunks == 0 or tick + late_chunks * chunk <= late_chunks * chunk_cycles  # with those that come amid it
     plain_chunks, plain_ticks, _ = costs(live_bench(replace(board, wait_states=0)), chunks=40)
     assert (plain_chunks, plain_ticks) == (chunks[:40], ticks[: len(plain_ticks)])
