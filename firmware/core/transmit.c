@@ -59,12 +59,14 @@ bool hd_fill_status(hd_core_t *core, uint32_t now_us, hd_message_t *message)
         .refused_seq = core->refused_seq,
         .refusal = core->refusal,
     };
+    uint8_t holdable[sizeof status->holdable] = {0};
     for (int k = 0; k < HD_MODES; k++) {
         hd_phasor_t w_um = core->measured_um[k], v_v = core->voltage_v[k];
         status->mode[k] = (hd_wire_mode_t){w_um.d, w_um.q, v_v.d, v_v.q};
         float share = hd_control_holdable(&core->control, k, core->config.w_limit_um[k], core->config.v_limit_v);
-        status->holdable |= (uint64_t)(1.0f + 254.0f * share) << (8 * k);
+        holdable[k] = (uint8_t)(1.0f + 254.0f * share);
     }
+    memcpy(&status->holdable, holdable, sizeof holdable);
     core->status_flags = 0;
     core->acknowledge = false;
     core->t_status_us = now_us;
