@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...config.sections import LEAST_CONTACT_MODES, LimitsConfig, SimConfig, SolverConfig
+from ...config.sections import LEAST_CONTACT_MODES, MOST_MODES, LimitsConfig, SimConfig, SolverConfig
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.solver.public import solve_batch
 from ...design import CartographyFit, fit_scan, nearest_free_modes
@@ -299,7 +299,9 @@ def expected_leak(modes: ModeShapes, map_error_rms: FloatArray, size_mm: tuple[f
         pairs_mm = random_fingers(size_mm, PAIRS, seed=1)
     except ValueError as error:
         raise CalibrationError(f"--size: {error}") from None
-    variance_um2 = np.abs(solved_um(modes, pairs_mm)) ** 2 @ map_error_rms**2
+    if modes.M > MOST_MODES:  # none are chosen yet
+        modes = ModeShapes(modes.x_mm, modes.y_mm, modes.shapes[:MOST_MODES])
+    variance_um2 = np.abs(solved_um(modes, pairs_mm)) ** 2 @ map_error_rms[: modes.M] ** 2
     return ExpectedLeak(float(np.sqrt(variance_um2.mean())), float(np.sqrt(np.percentile(variance_um2, 95.0))))
 
 
