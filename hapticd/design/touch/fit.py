@@ -36,7 +36,7 @@ class Fit:
 
     `cost` (B,) of each window, in units of the noise (M,) of either part of the residual; `drift_hz` (M,) is how far
     each mode's frequency moved in a session. `waves_precision` (M K, M K) is the inverse of the waves' covariance.
-    `apart_mm` (T, 2) is by how much the centroid of each touch differs from the mean.
+    `apart_mm` (T, 2) is by how much the centroid of each touch differs from the mean; `settled` is what it began with.
     """
 
     calibration: Calibration
@@ -50,6 +50,7 @@ class Fit:
     spread_sigma_mm2: FloatArray
     waves_precision: FloatArray
     apart_mm: FloatArray
+    settled: Settled
 
 
 def fit(
@@ -58,34 +59,34 @@ def fit(
     free: Free,
     start: Calibration,
     waves: Waves | None = None,
+    near: Fit | None = None,
     *,
-    judged_by_um_s: FloatArray | None = None,
     parasitic_modes: ParasiticModes | None = None,
     are_points: bool = False,
 ) -> Fit:
     """Fit what is `free` from `start` on; everything else of it stays. Loads and rates are always free.
 
     With `are_points` fingers act where their centres are, not all over their contacts.
-    `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
+    `near` is a fit of the same windows, at whose start loads and rates are near, and whose noise there costs are in.
     """
     model = Model(windows, modes, start, waves, parasitic_modes, free.apart)
     problem = TouchProblem(model, free, are_points)
     state = FitState.start(start, model, problem.spread_mm2)
-    found = _settled(replace(problem, free=Free()), state)
+    found = settled = _settled(replace(problem, free=Free()), state, near.settled if near else None)
     sizes = [part.size for part in problem.parts(state)]
-    pad, sense, lacking = sizes[:3]
+    lacking, pad = sizes[0], slice(sizes[0], sum(sizes[:2]))
     covariance, precision = np.zeros((sum(sizes), sum(sizes))), np.zeros((lacking, lacking))
     if any(free):
         found, normal = _descended(problem, found)
         covariance = covariance_of(normal, windows)
-        precision = precision_of(normal, slice(pad + sense, pad + sense + lacking))
+        precision = precision_of(normal, lacking)
     state, noise = found.state, found.noise
     own_hz = (model.splines @ state.own.T).imag / (2.0 * np.pi)
     return Fit(
         state.calibration,
         _sigma(problem, state, np.sqrt(np.diag(covariance))),
-        covariance[:pad, :pad],
-        _window_cost(model, state, noise if judged_by_um_s is None else judged_by_um_s),
+        covariance[pad, pad],
+        _window_cost(model, state, near.settled.noise if near else noise),
         noise,
         np.max([np.ptp(own_hz[chosen], axis=(0, 1)) for chosen in windows.sessions], axis=0),
         state.loads,
@@ -93,10 +94,11 @@ def fit(
         problem.split(state, np.sqrt(np.diag(covariance)))[4],
         precision,
         np.asarray(model.contrasts @ state.apart_mm, np.float64),
+        settled,
     )
 
 
-class _Settled(NamedTuple):
+class Settled(NamedTuple):
     """A state with the noise (M,) of its residual, and mean (B, N) and spread of its loads."""
 
     state: FitState
@@ -105,16 +107,17 @@ class _Settled(NamedTuple):
     spread: float
 
 
-def _settled(problem: TouchProblem, state: FitState) -> _Settled:
-    """Solve for loads and rates: linear, but for the outliers."""
-    found = _Settled(state, _noise(problem.model, state), np.zeros_like(state.loads), _START_LOAD_1_S)
-    for step in range(_SETTLING_STEPS):
+def _settled(problem: TouchProblem, state: FitState, near: Settled | None) -> Settled:
+    """Solve for loads and rates: linear, but for the outliers and what parasitic modes do."""
+    found = near or Settled(state, _noise(problem.model, state), np.zeros_like(state.loads), _START_LOAD_1_S)
+    found = found._replace(state=replace(found.state, calibration=state.calibration, apart_mm=state.apart_mm))
+    for step in range(_LOOSE_STEPS if near else 0, _SETTLING_STEPS):
         problem.model.settle(found.state)
         found = _stepped(problem, found, normal_of(problem, *found), is_loose=step < _LOOSE_STEPS)
     return found
 
 
-def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, Normal]:
+def _descended(problem: TouchProblem, found: Settled) -> tuple[Settled, Normal]:
     """Take Gauss-Newton steps, after each of which loads and rates settle, until they gain little; return also the
     normal equations of the last one, as good as those of where it ends."""
     linear = replace(problem, free=Free())
@@ -129,14 +132,14 @@ def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, Normal
     return found, normal
 
 
-def _stepped(problem: TouchProblem, found: _Settled, normal: Normal, *, is_loose: bool = False) -> _Settled:
+def _stepped(problem: TouchProblem, found: Settled, normal: Normal, *, is_loose: bool = False) -> Settled:
     scale = np.sqrt(np.diag(normal.matrix))
     step = np.linalg.solve(normal.matrix / np.outer(scale, scale), normal.right / scale) / scale
     parts = np.array_split(normal.load_from_step, max(1, len(normal.load_from_step) // 100))  # each in double precision
     loads = normal.load_from_right - np.concatenate([part @ step for part in parts])
     state = problem.stepped(found.state, step, complex_of(loads))
     known = found[2:] if is_loose else _load_prior(problem.model.windows, state, normal)
-    return _Settled(state, _noise(problem.model, state), *known)
+    return Settled(state, _noise(problem.model, state), *known)
 
 
 def _noise(model: Model, state: FitState) -> FloatArray:
@@ -149,7 +152,7 @@ def _window_cost(model: Model, state: FitState, noise: FloatArray) -> FloatArray
     """Huber's cost of each window (B,)."""
     size = np.abs(model.residual(state)) / (noise * model.doubt)
     cost = np.where(size < OUTLIER, size**2, 2.0 * OUTLIER * size - OUTLIER**2)
-    return np.asarray((cost * model.windows.is_used[..., None]).sum(axis=(1, 2)), np.float64)
+    return np.asarray(cost.sum(axis=(1, 2)), np.float64)
 
 
 def _cost(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> float:
@@ -176,7 +179,7 @@ def _load_prior(windows: Windows, state: FitState, normal: Normal) -> tuple[Comp
 
 
 def _sigma(problem: TouchProblem, state: FitState, sigma: FloatArray) -> Calibration:
-    pad, sense, waves, *_ = problem.split(state, sigma)
+    waves, pad, sense, *_ = problem.split(state, sigma)
     found = state.calibration
     none = Calibration(np.zeros_like(found.pad), np.zeros_like(found.sense), np.zeros_like(found.waves))
     return stepped(none, pad, complex_of(sense), waves)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -96,18 +97,16 @@ class _Fitter:
         apart = Apart.TOUCHES if self.modes.M >= LEAST_SIZED_MODES else Apart.SESSIONS
         return Free(pad=True, sense=True, waves=self.waves is not None, apart=apart)
 
-    def fit(self, windows: Windows, free: Free, start: Calibration, judged_by_um_s: FloatArray | None = None) -> Fit:
+    def fit(self, windows: Windows, free: Free, start: Calibration, near: Fit | None = None) -> Fit:
         return fit(
-            *(windows, self.modes, free, start, self.waves),
-            judged_by_um_s=judged_by_um_s,
+            *(windows, self.modes, free, start, self.waves, near),
             parasitic_modes=self.parasitic_modes,
             are_points=self.are_points,
         )
 
-    def gain(self, held_out: Windows, before: Calibration, after: Calibration) -> HeldOutGain:
-        """Return what a calibration gains on windows that did not teach it."""
-        at_start = self.fit(held_out, Free(), before)
-        at_end = self.fit(held_out, Free(), after, at_start.noise_um_s)  # both costs in units of the same noise
+    def gain(self, held_out: Windows, near: Fit, after: Calibration, before: Calibration) -> HeldOutGain:
+        """Return what a calibration gains on windows that did not teach it; `near` is what they taught."""
+        at_start, at_end = (self.fit(held_out, Free(), one, near) for one in (before, after))
         turn = np.unique(np.floor(held_out.start_s / TURN_S), return_inverse=True)[1]
         before_cost, after_cost = np.bincount(turn, at_start.cost), np.bincount(turn, at_end.cost)
         worth = np.log(before_cost / after_cost)
@@ -116,7 +115,7 @@ class _Fitter:
 
 
 def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> TouchCalibration:
-    """Fit and judge, the map last. 60 s of touching on eight modes take 45 s of processor time, on two cores."""
+    """Fit and judge, the map last. 60 s of touching on eight modes take 45 s of processor time, 29 s on two cores."""
     before = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
@@ -132,7 +131,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
     halves = _halves(few)
     one, other = _on_two_cores(lambda half: fitter.fit(half, fitter.free, near), halves)
     lessons = [transferable(windows, taught.calibration) for taught in (one, other)]
-    gains = _on_two_cores(lambda half, lesson: fitter.gain(half, before, lesson), halves[::-1], lessons)
+    gains = _on_two_cores(partial(fitter.gain, before=before), halves[::-1], (other, one), lessons)
     found = fitter.fit(few, fitter.free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusals = _refusals(found, latency_sigma_s, one, other, len(windows.sessions))
@@ -260,7 +259,7 @@ def _with_map(judged: TouchCalibration, windows: Windows, fitter: _Fitter) -> To
     lessons = [taught.calibration for taught in fits]
     if len(windows.sessions) > 1:
         lessons = [replace(lesson, pad=start.pad) for lesson in lessons]
-    gains = _on_two_cores(lambda half, lesson: fitter.gain(half, start, lesson), halves[::-1], lessons)
+    gains = _on_two_cores(partial(fitter.gain, before=start), halves[::-1], fits[::-1], lessons)
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if _unconfirmed(gains):
         place = where_next(windows, modes).sentence(len(windows) * WINDOW_S)

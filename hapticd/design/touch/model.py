@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,8 @@ MOST_SPREAD_MM2 = 30.0  # no finger is larger than that of 9 mm
 FOLLOWED_UM_S = 25.0  # measured less reference, per tick: as far off, a mode's slope errs as by noise
 _APART_MM = 0.05  # of two gradients that give a curvature: it only steers the search
 FORCE_S = 0.15  # in which a finger's force changes
+_BLOCK = 256  # windows at most, whose derivatives are in memory at once
+Block = tuple[npt.NDArray[np.int64], slice]  # windows, and those of their ticks that any of them has
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,21 +110,30 @@ class FitState:
 
 
 class ModelPoint(NamedTuple):
-    """The model at one state: residual (B, S, M) in um/s, and its derivatives `by_loads` (B, S, M, N) and by what is
-    free: `columns` (B, S, M, C) by those parameters, of places (C,) in the order of `TouchProblem.parts`, that these
-    windows meet, and `by_rates` (B, S, R) of each mode's by its rates, of places (M, R), which no other mode meets."""
+    """The model at one state: residual (B, S, M) in um/s, its derivatives `by_loads` (B, S, M, 2 N + 1), with itself
+    last, and those by what parameters these windows meet, of `places` (U,) in the order of `TouchProblem.parts`: by the
+    waves, if free, `by_shapes` (B, S, M, M 3 N) times their `shapes` (B, S, 3 N, K) under fingers, `columns` (B, S, M,
+    C) by what else all modes meet, and `by_rates` (B, S, R) of each mode's by its rates, which no other mode meets."""
 
     residual: ComplexArray
     by_loads: ComplexArray
+    by_shapes: ComplexArray
+    shapes: npt.NDArray[np.float32]
     columns: ComplexArray
-    places: npt.NDArray[np.int64]
     by_rates: ComplexArray
-    rates: npt.NDArray[np.int64]
+    places: npt.NDArray[np.int64]
 
-    def of_mode(self, mode: int) -> tuple[ComplexArray, npt.NDArray[np.int64]]:
-        """Return the derivatives of a mode's residual (B, S, U), and by which of all parameters (U,) they are."""
-        columns = np.concatenate((self.columns[:, :, mode], self.by_rates), axis=-1)
-        return columns, np.concatenate((self.places, self.rates[mode]))
+    def of_mode(self, mode: int, weight: FloatArray) -> tuple[FloatArray, list[tuple[slice, Any]]]:
+        """Return a mode's weighted rows, real (B, 2 S, ..): by the loads' parts, with the residual as last column; and
+        by slices of `places`, of which the waves, most of all and with priors, are in single precision."""
+        each = self.by_loads[:, :, mode], self.by_shapes[:, :, mode], self.columns[:, :, mode], self.by_rates
+        own, by_shapes, columns, by_rates = (_rows(one * weight[..., None]) for one in each)
+        by_tick = by_shapes.astype(np.float32).reshape(*weight.shape, -1, self.shapes.shape[2])
+        by_waves = (by_tick @ self.shapes).reshape(len(own), own.shape[1], -1)
+        waves, common, rates = (one.shape[-1] for one in (by_waves, columns, by_rates))
+        first = waves + common + mode * rates
+        places = slice(waves), slice(waves, waves + common), slice(first, first + rates)
+        return own, list(zip(places, (by_waves, columns, by_rates), strict=True))
 
 
 class Placed(NamedTuple):
@@ -154,9 +165,13 @@ class Model:
     ) -> None:
         self.windows, self.modes, self.waves, self._parasitic = windows, modes, waves, parasitic_modes
         self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1], 3), np.complex128)
+        ticks = windows.is_used.sum(axis=1)
+        parts = np.array_split(np.argsort(ticks, kind="stable"), -(-len(windows) // _BLOCK))  # by ticks, then time
+        self.blocks: list[Block] = [(rows, slice(int(ticks[rows].max()))) for rows in parts]
         self.terms = regressors(windows)
         self.splines = own_rates(windows)
-        self.doubt = np.hypot(1.0, np.abs(windows.behind_um_s) / FOLLOWED_UM_S)  # of a tick, in units of the noise
+        doubt = np.hypot(1.0, np.abs(windows.behind_um_s) / FOLLOWED_UM_S)
+        self.doubt = np.where(windows.is_used[..., None], doubt, np.inf)  # of a tick, in units of the noise
         self._placed: tuple[Calibration, FloatArray, Placed] | None = None
         self._beside: tuple[Placed, FloatArray, ComplexArray] | None = None  # parasitic shapes, and how they yield
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
@@ -168,10 +183,11 @@ class Model:
         group = sessions if apart is Apart.SESSIONS else np.arange(len(weights))
         self.contrasts = _contrasts(np.bincount(group, weights).astype(np.float64))[group]  # (T, R)
         # Of a minute of touching by far the largest array.
-        self._shapes = np.zeros((*points.shape[:-1], 3, 0 if waves is None else len(waves)), np.float32)
+        self._shapes = np.zeros((*points.shape[:2], 3 * points.shape[2], len(waves or ())), np.float32)
         if waves is not None:
             is_down = np.isfinite(points).all(axis=-1)
-            self._shapes[is_down] = with_slope(waves.at(points[is_down]), waves.slope(points[is_down]))
+            shapes = with_slope(waves.at(points[is_down]), waves.slope(points[is_down]))
+            self._shapes.reshape(*points.shape[:-1], 3, -1)[is_down] = shapes
 
     def _place(self, state: FitState) -> Placed:
         """Return where a state has the fingers; kept for the next call, since most have the same places."""
@@ -182,7 +198,7 @@ class Model:
             points = points + (self._touches @ self.contrasts @ apart_mm)[:, None]
             phi = shapes_at(self.modes, points)
             if self.waves is not None:
-                phi = phi + self._shapes @ found.waves.T.astype(np.float32)
+                phi = phi + (self._shapes @ found.waves.T.astype(np.float32)).reshape(phi.shape)
             seen_um = self.windows.measured_um @ found.sense.T
             under_um = np.asarray(np.einsum("bsnqk,bsk->bsnq", phi, seen_um), np.complex128)
             self._placed = found, apart_mm, Placed(position, velocity, points, drawn, phi, seen_um, under_um)
@@ -212,26 +228,26 @@ class Model:
         moved_um = -np.einsum("bsnqp,bsnq->bsp", phi, under_um) * yielding
         self._beside_um = np.einsum("bsnqp,bsp->bsnq", phi, moved_um)
 
-    def _shared(self, state: FitState, rows: slice = slice(None)) -> ComplexArray:
+    def _shared(self, state: FitState, rows: slice | npt.NDArray[np.int64] = slice(None)) -> ComplexArray:
         """Return the load (B, 1, N, 3) on the shape under a finger and on its derivatives."""
         touch = self.windows.track[rows]
         spread_mm2 = np.where(touch >= 0, state.spread_mm2[touch], 0.0)
         shares = np.stack((np.ones_like(spread_mm2), spread_mm2, spread_mm2), axis=-1)
         return np.asarray((state.loads[rows][..., None] * shares)[:, None], np.complex128)
 
-    def at(self, state: FitState, rows: slice, free: Free) -> ModelPoint:
+    def at(self, state: FitState, ticks: Block, free: Free) -> ModelPoint:
         """Return the model at `state` for some windows, with derivatives by what is free."""
-        found = state.calibration
-        placed = Placed._make(one[rows] for one in self._place(state))
+        found, rows = state.calibration, ticks[0]
+        placed = Placed._make(one[ticks] for one in self._place(state))
         phi, loads = placed.phi, self._shared(state, rows)
         inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
         out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
-        under_um = np.asarray(placed.under_um + self._beside_um[rows], np.complex128)
+        under_um = np.asarray(placed.under_um + self._beside_um[ticks], np.complex128)
         pushed = out * under_um[..., None]
         force = np.einsum("bsnqk,bznq->bsk", pushed, loads)
-        own = self.splines[rows] @ state.own.T
+        own = self.splines[ticks] @ state.own.T
         moving = (own * placed.seen_um) @ inverse.T
-        residual = self._known[rows] + self.terms[rows] @ state.rates.T + moving + force
+        residual = self._known[ticks] + self.terms[ticks] @ state.rates.T + moving + force
         columns: list[ComplexArray] = []
         if free.pad or free.waves or free.apart:
             # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
@@ -245,38 +261,40 @@ class Model:
         if free.sense:
             turned = moving + np.einsum("bznq,bsnqk->bsk", loads, pushed)
             scaled = np.einsum("bsnqk,bsnqm->bskm", loads[..., None] * out, phi) + inverse * own[..., None, :]
-            by_sense = _by_sense(self.windows.measured_um[rows], turned, scaled, inverse)
+            by_sense = _by_sense(self.windows.measured_um[ticks], turned, scaled, inverse)
             columns += [by_sense, 1j * by_sense]
-        if free.waves:
-            columns.append(_by_waves(by_phi, self._shapes[rows]))
         if free.apart:
             by_apart = np.einsum("bsnkd,bnr->bskrd", by_place, self._touches[rows] @ self.contrasts, optimize=True)
             columns.append(by_apart.reshape(*residual.shape, -1))
         by_spread = np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows])
         columns.append(by_spread @ self._touches[rows][:, None])
-        met = np.flatnonzero(self.splines[rows].any(axis=(0, 1)))  # splines are local, but for the constant
-        by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[rows][..., met])
-        by_own, by_rates = by_own.reshape(*residual.shape, -1), self._expected_terms(state, residual, rows)
-        first = np.arange(sum(one.shape[-1] for one in columns))
+        met = np.flatnonzero(self.splines[ticks].any(axis=(0, 1)))  # splines are local, but for the constant
+        by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[ticks][..., met])
+        by_own, by_rates = by_own.reshape(*residual.shape, -1), self._expected_terms(state, residual, ticks)
+        waves = len(inverse) * self._shapes.shape[-1] if free.waves else 0
+        by_shapes = by_phi.transpose(0, 1, 4, 5, 2, 3) if free.waves else np.zeros((*residual.shape, 0))
+        first = np.arange(waves + sum(one.shape[-1] for one in columns))
         own_places = len(first) + np.arange(2 * state.own.size).reshape(2, *state.own.shape)
-        rates_places = own_places.size + len(first) + np.arange(2 * state.rates.size).reshape(2, *state.rates.shape)
+        rates = len(first) + own_places.size + np.arange(2 * state.rates.size).reshape(2, *state.rates.shape)
         ones = self._shared(replace(state, loads=np.ones_like(state.loads)), rows)
+        by_loads = np.einsum("bsnqk,bznq->bskn", pushed, ones)
         return ModelPoint(
             residual,
-            np.einsum("bsnqk,bznq->bskn", pushed, ones),
+            np.concatenate((by_loads, 1j * by_loads, residual[..., None]), axis=-1),
+            by_shapes.reshape(*residual.shape, -1),
+            self._shapes[ticks],
             np.concatenate((*columns, by_own, 1j * by_own), axis=-1),
-            np.concatenate((first, own_places[..., met].ravel())),
             np.concatenate((by_rates, 1j * by_rates), axis=-1),
-            rates_places.swapaxes(0, 1).reshape(len(inverse), -1),
+            np.concatenate((first, own_places[..., met].ravel(), rates.swapaxes(0, 1).ravel())),
         )
 
-    def _expected_terms(self, state: FitState, residual: ComplexArray, rows: slice) -> ComplexArray:
+    def _expected_terms(self, state: FitState, residual: ComplexArray, ticks: Block) -> ComplexArray:
         """Return the linear terms (B, S, L) with the voltages that the model expects.
 
         A tick's own voltage holds what the control law makes of the sensors' noise. Noise in a regressor makes its
         coefficient, and with it all forces, too small.
         """
-        terms, volts = self.terms[rows].copy(), slice(residual.shape[-1], 2 * residual.shape[-1])
+        terms, volts = self.terms[ticks].copy(), slice(residual.shape[-1], 2 * residual.shape[-1])
         gain = state.rates[:, volts]
         if gain.any():
             terms[..., volts] -= residual @ np.linalg.inv(gain).T
@@ -302,12 +320,9 @@ def _contrasts(weights: FloatArray) -> FloatArray:
     return found
 
 
-def _by_waves(by_phi: ComplexArray, shapes: npt.NDArray[np.float32]) -> ComplexArray:
-    """By the waves: of each finger's shapes and their derivatives, summed (B, S, M, M K)."""
-    windows, ticks, fingers, parts, modes, _ = by_phi.shape
-    flat = by_phi.reshape(windows * ticks, fingers * parts, modes * modes).swapaxes(1, 2)
-    by_waves = flat @ shapes.reshape(windows * ticks, fingers * parts, -1)
-    return np.asarray(by_waves.reshape(windows, ticks, modes, -1), np.complex128)
+def _rows(columns: ComplexArray) -> FloatArray:
+    """Real rows of each window: (B, S, C) to (B, 2 S, C)."""
+    return np.stack((columns.real, columns.imag), axis=2).reshape(len(columns), 2 * columns.shape[1], -1)
 
 
 def _moved(found: Calibration, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -317,11 +332,9 @@ def _moved(found: Calibration, position: FloatArray, velocity: FloatArray) -> tu
     return position @ matrix.T + offset_mm + found.pad[CENTROID] * drawn, drawn
 
 
-def _by_sense(
-    measured_um: ComplexArray, turned: ComplexArray, scaled: ComplexArray, inverse: ComplexArray
-) -> ComplexArray:
+def _by_sense(y_um: ComplexArray, turned: ComplexArray, scaled: ComplexArray, inverse: ComplexArray) -> ComplexArray:
     """By C[m, l]: -C^-1[:, m] `turned`_l + `scaled`[:, m] y_l, of C^-1 F C y its value and C^-1 F."""
-    by_sense = scaled[..., None] * measured_um[:, :, None, None, :]
+    by_sense = scaled[..., None] * y_um[:, :, None, None, :]
     by_sense -= np.einsum("km,bsl->bskml", inverse, turned)
     return np.asarray(by_sense.reshape(*by_sense.shape[:3], -1)[..., 1:], np.complex128)
 

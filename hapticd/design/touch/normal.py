@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,6 @@ from .problem import TouchProblem
 
 OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 CLUSTER_S = 0.2
-_BLOCK = 128  # windows whose derivatives are in memory at once, of which there are some copies
 
 
 class Normal(NamedTuple):
@@ -30,43 +29,43 @@ class Normal(NamedTuple):
 
 def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> Normal:
     """Add up the rows of one mode after another, as none meets the rates of other modes, and eliminate the loads."""
-    prior = problem.priors(state)
-    matrix, right = np.diag(prior**-2.0), -np.concatenate(problem.parts(state)) / prior**2
+    model, prior = problem.model, problem.priors(state)
+    matrix, right = np.diag(0.5 * prior**-2.0), -np.concatenate(problem.parts(state)) / prior**2
     windows, fingers = state.loads.shape
-    from_right, from_step = np.empty((windows, 2 * fingers)), np.empty((windows, 2 * fingers, len(prior)), np.float32)
+    from_right, from_step = np.empty((windows, 2 * fingers)), np.zeros((windows, 2 * fingers, len(prior)), np.float32)
     weights, scores = np.empty((windows, fingers)), np.zeros((windows, len(prior)))
-    for start in range(0, windows, _BLOCK):
-        rows = slice(start, start + _BLOCK)
-        point = problem.model.at(state, rows, problem.free)
-        one_sigma = noise * problem.model.doubt[rows]
+    for block in model.blocks:
+        rows, point = block[0], model.at(state, block, problem.free)
+        used, one_sigma = point.places, noise * model.doubt[block]
         weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(point.residual) / one_sigma, 1e-12))) / one_sigma
-        weight = problem.model.windows.is_used[rows][..., None] * weight
-        by_loads = np.concatenate((point.by_loads, 1j * point.by_loads), axis=-1)
         away = state.loads[rows] - mean[rows]
-        inner = np.tile(np.eye(2 * fingers) / spread**2, (len(away), 1, 1))
-        pull = -np.concatenate((away.real, away.imag), axis=1) / spread**2
-        mixed = np.zeros((len(away), 2 * fingers, len(prior)))
+        gram = np.zeros((len(away), 2 * fingers + 1, 2 * fingers + 1))  # of loads and residual
+        mixed, summed = np.zeros((*gram.shape[:2], len(used))), np.zeros((len(used), len(used)))
         for mode in range(len(noise)):
-            columns, used = point.of_mode(mode)
-            own, left, rest = (
-                _stacked(part * weight[..., mode, None])
-                for part in (by_loads[:, :, mode], columns, point.residual[:, :, mode, None])
-            )
-            across, flat = own.transpose(0, 2, 1), left.reshape(-1, len(used))
-            inner += across @ own
-            pull -= (across @ rest)[..., 0]
-            mixed[..., used] += across @ left
-            scores[rows, used] += (left.transpose(0, 2, 1) @ rest)[..., 0]
-            matrix[np.ix_(used, used)] += flat.T @ flat  # of a matrix by itself: half of the products
-        weights[rows] = np.einsum("bii->bi", inner)[:, :fingers] - spread**-2
-        root = np.linalg.inv(np.linalg.cholesky(inner))
-        half = root @ np.concatenate((mixed, pull[..., None]), axis=-1)
+            own, parts = point.of_mode(mode, weight[..., mode])
+            gram += own.transpose(0, 2, 1) @ own
+            for place, left in parts:
+                mixed[..., place] += own.transpose(0, 2, 1).astype(left.dtype) @ left
+            _add_halves(summed, parts, 1.0)
+        weights[rows] = np.einsum("bii->bi", gram)[:, :fingers]
+        pull = -gram[:, :-1, -1] - np.concatenate((away.real, away.imag), axis=1) / spread**2
+        root = np.linalg.inv(np.linalg.cholesky(gram[:, :-1, :-1] + np.eye(2 * fingers) / spread**2))
+        half = root @ np.concatenate((mixed[:, :-1], pull[..., None]), axis=-1)
         back = root.transpose(0, 2, 1) @ half
-        from_right[rows], from_step[rows] = back[..., -1], back[..., :-1]
-        taken = half[..., :-1].reshape(-1, len(prior))
-        matrix -= taken.T @ taken
-        scores[rows] += (mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0]
-    return Normal(matrix, right - scores.sum(axis=0), from_right, from_step, weights, scores)
+        from_right[rows], from_step[np.ix_(rows, np.arange(2 * fingers), used)] = back[..., -1], back[..., :-1]
+        _add_halves(summed, [(slice(len(used)), half[..., :-1])], -1.0)
+        matrix[np.ix_(used, used)] += summed
+        scores[np.ix_(rows, used)] = mixed[:, -1] + (mixed[:, :-1].transpose(0, 2, 1) @ back[..., -1:])[..., 0]
+    return Normal(matrix + matrix.T, right - scores.sum(axis=0), from_right, from_step, weights, scores)
+
+
+def _add_halves(summed: FloatArray, parts: list[tuple[slice, Any]], sign: float) -> None:
+    """Add the products of rows' parts (B, R, U) by each other, in the first's precision, and half of their squares."""
+    for index, (place, left) in enumerate(parts):
+        flat = left.reshape(len(left) * left.shape[1], -1)
+        summed[place, place] += 0.5 * sign * (flat.T @ flat)  # by itself: half of the time
+        for other, right in parts[index + 1 :]:
+            summed[place, other] += sign * (flat.T @ right.reshape(len(flat), -1).astype(left.dtype, copy=False))
 
 
 def covariance_of(normal: Normal, windows: Windows) -> FloatArray:
@@ -85,15 +84,7 @@ def covariance_of(normal: Normal, windows: Windows) -> FloatArray:
     return np.asarray(robust * np.outer(larger, larger), np.float64)
 
 
-def precision_of(normal: Normal, part: slice) -> FloatArray:
-    """Return the inverse of the covariance of some parameters, whatever the others are (Schur complement)."""
-    if part.start == part.stop:
-        return np.zeros((0, 0))
-    matrix, rest = normal.matrix, np.delete(np.arange(len(normal.matrix)), part)
-    across = matrix[rest, part]
-    return np.asarray(matrix[part, part] - across.T @ np.linalg.solve(matrix[np.ix_(rest, rest)], across), np.float64)
-
-
-def _stacked(columns: ComplexArray) -> FloatArray:
-    """Real rows of each window: (B, S, P) to (B, 2 S, P)."""
-    return np.concatenate((columns.real, columns.imag), axis=1)
+def precision_of(normal: Normal, count: int) -> FloatArray:
+    """Return the inverse of the covariance of the first parameters, whatever the others are (Schur complement)."""
+    first, across, rest = normal.matrix[:count, :count], normal.matrix[count:, :count], normal.matrix[count:, count:]
+    return np.asarray(first - across.T @ np.linalg.solve(rest, across), np.float64)

@@ -39,13 +39,13 @@ class TouchProblem:
         return 0.0 if self.are_points else SPREAD_MM2
 
     def parts(self, state: FitState) -> list[FloatArray]:
-        """Return the parameters as distances from their priors' means, real: pad, sense, waves, contrasts of
+        """Return the parameters as distances from their priors' means, real: waves, pad, sense, contrasts of
         touches, spreads, own rates, rates; those that are not free are empty."""
         found, none = state.calibration, np.zeros(0)
         return [
+            found.waves.ravel() if self.free.waves else none,
             found.pad if self.free.pad else none,
             _reals((found.sense - np.eye(len(found.sense))).ravel()[1:]) if self.free.sense else none,
-            found.waves.ravel() if self.free.waves else none,
             state.apart_mm.ravel() if self.free.apart else none,
             state.spread_mm2 - self.spread_mm2,
             _reals(state.own.ravel()),
@@ -59,7 +59,7 @@ class TouchProblem:
     def priors(self, state: FitState) -> FloatArray:
         """One sigma of each parameter; how far apart touches are, is learned from them (a variance of inverse gamma
         distribution makes it Student's)."""
-        pad, sense, waves, apart, touches, *_ = (part.size for part in self.parts(state))
+        waves, pad, sense, apart, touches, *_ = (part.size for part in self.parts(state))
         modes = len(state.own)
         own = np.where(np.arange(self.model.splines.shape[-1]) == 0, _LOOSE, DRIFT_PRIOR_1_S)
         rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
@@ -67,9 +67,9 @@ class TouchProblem:
         apart_mm = math.sqrt(square_mm2 / (APART_WEIGHT + state.apart_mm.size))
         return np.concatenate(
             (
+                np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()[:waves],
                 PAD_PRIOR[:pad],
                 np.full(sense, SENSE_PRIOR),
-                np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()[:waves],
                 np.full(apart, apart_mm),
                 np.full(touches, _FIXED if self.are_points else SPREAD_PRIOR_MM2),
                 np.tile(own, 2 * modes),
@@ -79,7 +79,7 @@ class TouchProblem:
 
     def stepped(self, state: FitState, step: FloatArray, loads: ComplexArray) -> FitState:
         """Return the state after a step of all parameters (P,) and loads (B, N)."""
-        pad, sense, waves, apart, spread, own, rates = self.split(state, step)
+        waves, pad, sense, apart, spread, own, rates = self.split(state, step)
         found = state.calibration
         return FitState(
             stepped(found, pad, complex_of(sense), waves) if any(self.free) else found,

@@ -234,7 +234,7 @@ def of_size(touched: Touched, radius_mm: float, sigma_mm2: float = 0.1) -> Touch
     fit = Fit(
         *(found, found, np.zeros((7, 7)), nothing, nothing, nothing, np.zeros(0, complex), spread_mm2),
         np.full(count, sigma_mm2),
-        *(np.zeros((0, 0)), np.zeros((count, 2))),
+        *(np.zeros((0, 0)), np.zeros((count, 2)), None),
     )
     return replace(judged(found), fit=fit)
 
