@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -104,8 +103,9 @@ class _Fitter:
             are_points=self.are_points,
         )
 
-    def gain(self, held_out: Windows, near: Fit, after: Calibration, before: Calibration) -> HeldOutGain:
-        """Return what a calibration gains on windows that did not teach it; `near` is what they taught."""
+    def gain(self, held_out: Windows, before: Calibration, after: Calibration, near: Fit | None = None) -> HeldOutGain:
+        """Return what a calibration gains on windows that did not teach it, of which `near` is a fit from `before`."""
+        near = near or self.fit(held_out, Free(), before)
         at_start, at_end = (self.fit(held_out, Free(), one, near) for one in (before, after))
         turn = np.unique(np.floor(held_out.start_s / TURN_S), return_inverse=True)[1]
         before_cost, after_cost = np.bincount(turn, at_start.cost), np.bincount(turn, at_end.cost)
@@ -131,7 +131,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
     halves = _halves(few)
     one, other = _on_two_cores(lambda half: fitter.fit(half, fitter.free, near), halves)
     lessons = [transferable(windows, taught.calibration) for taught in (one, other)]
-    gains = _on_two_cores(partial(fitter.gain, before=before), halves[::-1], (other, one), lessons)
+    gains = _on_two_cores(lambda half, lesson: fitter.gain(half, before, lesson), halves[::-1], lessons)
     found = fitter.fit(few, fitter.free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusals = _refusals(found, latency_sigma_s, one, other, len(windows.sessions))
@@ -259,7 +259,7 @@ def _with_map(judged: TouchCalibration, windows: Windows, fitter: _Fitter) -> To
     lessons = [taught.calibration for taught in fits]
     if len(windows.sessions) > 1:
         lessons = [replace(lesson, pad=start.pad) for lesson in lessons]
-    gains = _on_two_cores(partial(fitter.gain, before=start), halves[::-1], fits[::-1], lessons)
+    gains = _on_two_cores(lambda half, *of: fitter.gain(half, start, *of), halves[::-1], lessons, fits[::-1])
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if _unconfirmed(gains):
         place = where_next(windows, modes).sentence(len(windows) * WINDOW_S)
