@@ -115,7 +115,8 @@ class InstantSolver:
         uncertain_frac: float = UNCERTAIN_FRAC,
         derates: bool = True,
     ) -> None:
-        self.limits_um = np.array(w_limit_um) * WIRE_FRAC
+        self._most_um: Final = np.array(w_limit_um) * WIRE_FRAC
+        self.limits_um = self._most_um
         self.contact_radius_mm: Final = contact_radius_mm
         self.has_contacts: Final = contact_radius_mm > 0.0
         self.curve = friction_curve
@@ -131,7 +132,7 @@ class InstantSolver:
     def hold(self, holdable_frac: tuple[float, ...]) -> None:
         """Leave each mode what the voltage holds of its limit; in the paper's case the board's one factor for all
         modes does as well."""
-        self.limits_um = np.array(self._w_limit_um) * WIRE_FRAC * np.array(holdable_frac)
+        self.limits_um = self._most_um * np.array(holdable_frac)
 
     def solve(
         self,
