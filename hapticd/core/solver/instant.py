@@ -130,8 +130,7 @@ class InstantSolver:
         self._table = finger_table(friction_curve, [], [], [], [])  # of those fingers, with the weights that they have
 
     def hold(self, holdable_frac: tuple[float, ...]) -> None:
-        """Leave each mode what the voltage holds of its limit; in the paper's case the board's one factor for all
-        modes does as well."""
+        """Leave each mode what the voltage holds of its limit; to the paper's case the board's one factor does it."""
         self.limits_um = self._most_um * np.array(holdable_frac)
 
     def solve(
