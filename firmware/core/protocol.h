@@ -328,7 +328,7 @@ typedef struct HD_PACKED {
     uint16_t number;      /* of this STATUS since the reset: a gap shows the flags of how many were lost */
     uint16_t refused_seq; /* the last REFERENCE of this session that was not taken */
     uint8_t refusal;      /* enum hd_refusal: why */
-    uint64_t holdable;    /* byte k: the share of mode k's W_LIM that the voltage holds now, of 255; 0: unknown */
+    uint64_t holdable;    /* byte k: the share of mode k's W_LIM that the voltage holds now, of 255; all 0: unknown */
 } hd_wire_status_t;
 
 typedef struct HD_PACKED {

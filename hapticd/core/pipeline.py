@@ -239,9 +239,9 @@ class Pipeline:
         keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if may_drive else []
         if not keys:
             return self.silence(t_now_ns, link_ns)
-        if holdable_frac != self._holdable_frac and len(holdable_frac) == self.modes.M:
+        if holdable_frac != self._holdable_frac:
             self._holdable_frac = holdable_frac
-            self._solver.hold(holdable_frac)
+            self._solver.hold(holdable_frac if len(holdable_frac) == self.modes.M else (1.0,) * self.modes.M)
         if not is_followed:
             self.invalidate_reference()
         if effects.playing or effects.felt:
