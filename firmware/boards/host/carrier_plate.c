@@ -78,10 +78,10 @@ static void compute_step(hd_carrier_plate_t *plate)
         largest = next_term(&g, SAMPLE_S / order, term);
         for (int i = 0; i < n; i++) {
             for (int j = 0; j < n; j++) {
-                plate->step[i][j] += term[i][j];
+                plate->step[j][i] += term[i][j];
             }
             for (int k = 0; k < HD_MODES; k++) {
-                plate->kick[i][k] += term[i][n + k];
+                plate->kick[k][i] += term[i][n + k];
             }
         }
     }
@@ -106,18 +106,23 @@ void hd_carrier_plate_sense(const hd_carrier_plate_t *plate, double sensed_um[HD
     }
 }
 
+static void add(double sum[HD_SIGNALS_MAX], const double share[HD_SIGNALS_MAX], double factor, int signals)
+{
+    for (int i = 0; i < signals; i++) {
+        sum[i] += share[i] * factor;
+    }
+}
+
 void hd_carrier_plate_advance(hd_carrier_plate_t *plate, const double voltage_v[HD_MODES])
 {
     const int n = signal_count(plate);
     double limit_v = plate->amplifier_limit_v;
     double next[HD_SIGNALS_MAX] = {0};
-    for (int i = 0; i < n; i++) {
-        for (int k = 0; k < HD_MODES; k++) {
-            next[i] += plate->kick[i][k] * fmin(fmax(voltage_v[k], -limit_v), limit_v);
-        }
-        for (int j = 0; j < n; j++) {
-            next[i] += plate->step[i][j] * plate->signal[j];
-        }
+    for (int k = 0; k < HD_MODES; k++) {
+        add(next, plate->kick[k], fmin(fmax(voltage_v[k], -limit_v), limit_v), n);
+    }
+    for (int j = 0; j < n; j++) {
+        add(next, plate->step[j], plate->signal[j], n);
     }
     memcpy(plate->signal, next, (size_t)n * sizeof *next);
 }

@@ -31,8 +31,8 @@ typedef struct {
 
     double signal[HD_SIGNALS_MAX]; /* w of each mode, w' / omega of each mode, a of each amplifier */
     hd_contact_t contact;          /* what the two below were computed for */
-    double step[HD_SIGNALS_MAX][HD_SIGNALS_MAX];
-    double kick[HD_SIGNALS_MAX][HD_MODES];
+    double step[HD_SIGNALS_MAX][HD_SIGNALS_MAX]; /* what each signal adds to all a sample later, */
+    double kick[HD_MODES][HD_SIGNALS_MAX];       /* and each voltage */
 } hd_carrier_plate_t;
 
 /* Call it before the first sample, and whenever a finger may have moved. */
