@@ -124,7 +124,9 @@ void hd_carrier_plate_advance(hd_carrier_plate_t *plate, const double voltage_v[
     for (int j = 0; j < n; j++) {
         add(next, plate->step[j], plate->signal[j], n);
     }
-    memcpy(plate->signal, next, (size_t)n * sizeof *next);
+    for (int i = 0; i < n; i++) {
+        plate->signal[i] = fabs(next[i]) < HD_STILL_UM ? 0.0 : next[i];
+    }
 }
 
 double complex hd_carrier_plate_amplitude_um(const hd_carrier_plate_t *plate, int p, double drive_rad_s,

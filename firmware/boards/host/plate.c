@@ -69,6 +69,9 @@ static void runge_kutta(hd_plate_t *plate, const motion_t *motion, double h, dou
     }
     for (int p = 0; p < plate->modes; p++) {
         plate->w_um[p] += step[p];
+        if (fabs(creal(plate->w_um[p])) + fabs(cimag(plate->w_um[p])) < HD_STILL_UM) {
+            plate->w_um[p] = 0.0;
+        }
     }
 }
 

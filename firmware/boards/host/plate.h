@@ -23,6 +23,7 @@
 #endif
 
 #define HD_PLATE_MODES_MAX 10 /* eight driven ones and two parasitic */
+#define HD_STILL_UM 1e-100    /* less is 0: a plate that decays on into denormal numbers would take ten times as long */
 
 typedef struct {
     int modes;
