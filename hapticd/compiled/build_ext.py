@@ -26,7 +26,6 @@ GROUP = "hapticd.core.compiled"
 # change: half as many indirect calls, which a pass on a cold cache notices. Those to Python's own library take no stub.
 FLAGS = ["-ffp-contract=off", "-fvisibility=hidden", "-fno-plt"]
 NO_WARNINGS = "-Wno-all"  # Python's own flags ask for them, and with them gcc takes six times as long for generated C
-PARALLEL = "-flto=auto"
 MORE_MODES = range(3, 9)  # than the board's two: up to hapticd.config.sections.MOST_MODES
 SINE_TABLE = "firmware/core/sine.c"  # takes the compiler 3 s, and is the same for any number of modes
 BOARD = Lock()
@@ -65,7 +64,8 @@ class BuildExt(build_ext.build_ext):
                     path.unlink()
 
     def build_extension(self, extension: Extension) -> None:
-        """Build one of several at a time; but the boards share sources, and so the paths of their object files."""
+        """Build one of several at a time, but of boards one, for they share object files; CFLAGS have the last word."""
+        extension.extra_compile_args = [*extension.extra_compile_args, *os.environ.get("CFLAGS", "").split()]
         if "firmware" not in extension.name:
             super().build_extension(extension)
             return
@@ -116,6 +116,6 @@ def compiled_modules() -> list[Extension]:
         extension.extra_compile_args = [*extension.extra_compile_args, *FLAGS, NO_WARNINGS]
     # One C file for all: gcc optimizes it at the link, in parts on all cores, and still calls across modules directly.
     group = next(extension for extension in extensions if extension.name.startswith(GROUP))
-    group.extra_compile_args = [*group.extra_compile_args, PARALLEL]
-    group.extra_link_args = [*group.extra_link_args, PARALLEL]
+    for arguments in (group.extra_compile_args, group.extra_link_args):
+        arguments.append("-flto=auto")
     return extensions

@@ -54,7 +54,7 @@ def test_the_worse_the_world_the_more_leaks_and_less_than_under_the_papers_schem
 
 def test_frictions_but_not_amplitudes_are_too_slippery_where_the_person_is_not_known() -> None:
     settings = Settings(motion=REAL, plate=PlateSettings.of(WIDE))
-    scores = play(Job(settings, worlds.LABORATORY, 2, 3.0, felt_um=SLIPPERY_UM))  # k is 1.39
+    scores = play(Job(settings, worlds.LABORATORY, 2, 1.5, felt_um=SLIPPERY_UM))  # k is 1.39
     frictions, known, amplitudes = (
         felt_figures([scores[f"{asked}: {HAPTICD}"]])["slippery_bias_jnd"]
         for asked in ("frictions", "frictions, curve known", "amplitudes")

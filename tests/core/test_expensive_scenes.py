@@ -44,8 +44,7 @@ Costs = list[list[float]]  # of the same calls, a list for each turn
 @pytest.mark.long
 @pytest.mark.alone
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("plate", [REFERENCE, FINGERTIP])  # points on two modes, contacts on four
-@pytest.mark.parametrize("fingers", [0, 2, 11])
+@pytest.mark.parametrize(("fingers", "plate"), [(0, FINGERTIP), (2, REFERENCE), (11, FINGERTIP)])
 def test_passes_and_messages_of_a_scene_at_all_caps_cost_what_is_planned(fingers: int, plate: str) -> None:
     settings = Settings(plate=PlateSettings.of(plate))
     strokes, circles = SCENARIOS["strokes"].build(1, SPEED_MM_S), tuple(_finger(index) for index in range(fingers))

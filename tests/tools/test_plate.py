@@ -78,6 +78,7 @@ def test_a_plate_is_judged_with_the_patches_that_it_has(tmp_path: Path, capsys: 
 
 @pytest.mark.long
 @pytest.mark.timeout(300)
+@pytest.mark.usefixtures("short_search")
 def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = {name: tmp_path / f"{name}.json" for name in ("design", "motion")}
     glass = tmp_path / "glass.toml"
