@@ -30,10 +30,7 @@ def played(report_hz: float, lost_frac: float = 0.0, stamp_jitter_ms: float = 1.
 def test_the_period_is_found_and_the_horizon_is_the_way_of_a_touch(report_hz: float, stamp_jitter_ms: float) -> None:
     simulation = played(report_hz, stamp_jitter_ms=stamp_jitter_ms)
     period_s = simulation.machine.pipeline._fingers.period_s
-    if stamp_jitter_ms * 1e-3 < 1.0 / report_hz:
-        assert period_s == pytest.approx(1.0 / report_hz, rel=0.02)
-    else:  # a third of the stamps is no later than the one before, and those reports are no news
-        assert 1.0 / report_hz < period_s < 1.5 / report_hz
+    assert period_s == pytest.approx(1.0 / report_hz, rel=0.03)  # also where a third of the stamps is no later
     result = simulation.result("strokes")
     horizon_ms = result.status["latency_ms"]["horizon"]["p50"]
     assert horizon_ms == pytest.approx(LATENCY_MS + LINK_MS, abs=1.5)

@@ -344,7 +344,7 @@ class Fingers:
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(sensor_latency_ns)
         self._t_stamp_ns: int | None = None
-        self._t_read_ns = 0
+        self._t_read_ns = self._t_filtered_ns = 0
         self._old_in_a_row = 0
 
     @property
@@ -354,14 +354,17 @@ class Fingers:
 
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
-        if frame.t_ns == self._t_stamp_ns:
-            return FingerFrame(frame.t_ns, self.down, ())  # a pad whose clock stands still counts as silent
+        if (is_repeated := frame.t_ns == self._t_stamp_ns) and not self.down:
+            return FingerFrame(frame.t_ns, self.down, ())
         self._t_stamp_ns = frame.t_ns
-        self._t_read_ns = t_read_ns
+        self._t_read_ns = self._t_read_ns if is_repeated else t_read_ns  # while its clock stands still a pad is silent
+        t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
+        if frame.t_ns <= self.t_device_ns and self._sensor_clock.t_filtered_ns > self._t_filtered_ns:  # jitter
+            frame = frame._replace(t_ns=max(self._sensor_clock.t_filtered_ns, self.t_device_ns + 1))
         self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self.t_device_ns else 0
         if self._old_in_a_row == OLD_IN_A_ROW:
             self.lift_all()
-        t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
+            t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
         tracked = self._tracker.update(frame)
         for finger_id in tracked.lifted:
             self._forget(finger_id)
@@ -369,14 +372,14 @@ class Fingers:
             return tracked  # an old frame holds no news
         self.t_device_ns = frame.t_ns
         self.t_sample_ns = t_sample_ns
-        t_stamp_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
+        self._t_filtered_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
         self.period_s = period_s
         slow_ns = min(round(SILENT_PERIODS * period_s * 1e9), LONGEST_SILENCE_NS)
         self._silence_ns = max(self._least_silence_ns, slow_ns)
         for finger_id, _, x_mm, y_mm, is_new, _, major_mm, minor_mm, angle_rad in tracked.fingers:
             if is_new:
                 self.predictors[finger_id] = self.make_predictor()
-            self.predictors[finger_id].update(t_sample_ns, t_stamp_ns, x_mm, y_mm, period_s)
+            self.predictors[finger_id].update(t_sample_ns, self._t_filtered_ns, x_mm, y_mm, period_s)
             if self._ellipse_scale is not None:
                 if is_new:
                     self._contacts[finger_id] = ContactTracker(self._ellipse_scale)
@@ -391,7 +394,7 @@ class Fingers:
         self.down = ()
         self._tracker.reset()
         self._sensor_clock.reset()
-        self.t_device_ns = self._old_in_a_row = 0
+        self.t_device_ns = self._t_filtered_ns = self._old_in_a_row = 0
 
     def are_silent(self, t_now_ns: int) -> bool:
         """Whether fingers are down and no report came for too long."""

@@ -33,6 +33,7 @@ _REPEATED: Final = 0.003  # that there was one slot too many before: it is taken
 _OUTLIER: Final = 1e-5  # likelihood of a stamp that no number of periods explains, relative to one that fits
 
 _WORSE_STAMPS_S: Final = (2e-3, 4.5e-3)  # errors that stamps may have instead of the expected one
+_EARLY_SIGMAS: Final = 3.0  # of the stamps' error: so much early a stamp may be, also before the last of a fast pad
 _DOUBT: Final = 8.0  # log likelihood that the next of them must gain before it is believed
 _FORGET: Final = 1.0 - 1.0 / 64.0  # of a log likelihood, a stamp
 
@@ -51,6 +52,7 @@ class SlotFilter:
         self._shortest_s, self._longest_s = _FASTEST * period_s, _SLOWEST * period_s
         self._period_var = period_error_s * period_error_s
         self._stamp_var = stamp_error_s * stamp_error_s
+        self.earliest_s = -_EARLY_SIGMAS * stamp_error_s
         self.restart()
 
     def restart(self) -> None:
@@ -59,7 +61,7 @@ class SlotFilter:
         self._phase_var = self._stamp_var + (_FIRST_PERIODS * self.period_s) ** 2
 
     def advance(self, elapsed_s: float) -> None:
-        """Take the next stamp, `elapsed_s` > 0 after the last."""
+        """Take the next stamp, `elapsed_s` after the last."""
         since_s = elapsed_s + self.lag_s
         nearest = float(math.floor(since_s / self.period_s + 0.5))
         periods = nearest - 1.0 if nearest > 1.0 else 0.0
@@ -130,15 +132,17 @@ class SampleClock:
         return 0.0 if self._takes_stamps else self._best.lag_s
 
     def filtered_ns(self, t_stamp_ns: int) -> int:
-        """Return when the sample stamped `t_stamp_ns` was taken, on the stamps' own axis; stamps in order.
+        """Return when the sample stamped `t_stamp_ns` was taken, on the stamps' own axis; samples in order.
 
-        Before the first stamp, after a gap of `GAP_PERIODS` and where stamps go back a new train of samples begins:
-        its first stamp is taken as it is, and trusted little. A repeated stamp changes nothing.
+        Before the first stamp, after a gap of `GAP_PERIODS` and where stamps go back by more than their error a new
+        train of samples begins: its first stamp is taken as it is, and trusted little. A stamp that is repeated, though
+        its error does not explain that, changes nothing.
         """
-        elapsed_s = -1.0 if self._t_stamp_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
-        if not 0.0 <= elapsed_s <= GAP_PERIODS * self.period_s:
+        elapsed_s = -math.inf if self._t_stamp_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
+        is_next = elapsed_s > 0.0 or elapsed_s + self.lag_s - self.period_s >= self._best.earliest_s
+        if elapsed_s > GAP_PERIODS * self.period_s or (elapsed_s < 0.0 and not is_next):
             self.restart()
-        elif elapsed_s > 0.0:
+        elif is_next:
             self.advance(elapsed_s)
         self._t_stamp_ns = t_stamp_ns
         return t_stamp_ns - round(self.lag_s * 1e9)

@@ -48,9 +48,22 @@ def test_a_silent_pad_lifts_fingers_after_periods_and_not_before_its_timeout(
 ) -> None:
     pad, t_ns = touched(round(period_ms * MS))
     assert not pad.are_silent(t_ns + round((silence_ms - 0.5) * MS))
+    pad.touch(frame(START_NS + 59 * round(period_ms * MS)), t_ns + 20 * MS)  # its clock stands still
     assert pad.are_silent(t_ns + round((silence_ms + 0.5) * MS))
 
 
 def test_no_period_lets_a_silent_pad_keep_its_fingers_for_longer_than_the_bound() -> None:
     pad, t_ns = touched(49 * MS)
     assert pad.are_silent(t_ns + LONGEST_SILENCE_NS + MS)
+
+
+def test_a_fast_pads_stamps_may_run_back_and_no_report_is_lost() -> None:
+    """Off by up to 4 ms at 240 Hz, one in six does not come after the last."""
+    random, pad, taken, errors_ms = np.random.default_rng(4), fingers(), set(), []
+    for report in range(3000):
+        t_ns = START_NS + round(report * 1e9 / 240)
+        pad.touch(frame(round(t_ns / MS + random.uniform(-4.0, 4.0)) * MS), t_ns + 12 * MS)
+        taken.add(pad.t_device_ns)
+        errors_ms.append((pad.t_sample_ns - t_ns) / MS)
+    assert len(taken) > 2950  # 2552 where such reports are left out
+    assert np.std(errors_ms[600:]) < 1.1  # 1.8 where the clock begins anew with each
