@@ -138,8 +138,7 @@ def contact_settings(touched: Touched, judged: TouchCalibration) -> dict[str, di
         return {}
     found = {"solver": {"contact_radius_mm": sizes.radius_mm}}
     if sizes.ellipse_scale > 0.0:
-        law = {"ellipse_scale": sizes.ellipse_scale, "ellipse_offset_mm": sizes.ellipse_offset_mm}
-        found["trackpad"] = law
+        found["trackpad"] = {"ellipse_scale": sizes.ellipse_scale, "ellipse_offset_mm": sizes.ellipse_offset_mm}
     return found
 
 
@@ -172,8 +171,7 @@ def known_better(touched: Touched, judged: TouchCalibration) -> dict[str, Any]:
         return _room_for_other_modes(touched, judged)
     better: dict[str, Any] = {}
     if judged.map_sigma is not None:
-        map_frac = float(np.sqrt(np.mean(judged.map_sigma**2)))
-        better["map_frac"] = min(before.map_frac, round(map_frac, 4))
+        better["map_frac"] = min(before.map_frac, round(float(np.sqrt(np.mean(judged.map_sigma**2))), 4))
     if not has_sensors(touched):
         return better
     sigma = judged.sigma.sense.ravel()[1:]

@@ -25,7 +25,7 @@ from ..wire.board_messages import BoardDecoder
 from ..wire.framing import FrameSplitter
 
 COLLECTED = ("board_bytes", "written", "pass")  # the kinds of records that are read
-AFTER_START_S = 0.002  # a frame's start is a step that the control law follows within some ticks
+AFTER_START_S, _AFTER_FRAMES = 0.002, 0.25  # a frame starts with a step, followed in some ticks; a fast pad's is small
 BEFORE_NEXT_S = 0.001
 _NEAR_S = 3.5e-3  # of samples around one, in which the voltage is straight: 2 ms in a recording
 _OUTPUT_DELAY_S = 50e-6  # from a tick to its voltage on the plate
@@ -129,11 +129,10 @@ def _axis_mm(finger: Mapping[str, float]) -> float:
 def read(path: Path) -> Touched:
     """Read a recording. Raises HapticdError for one that cannot be calibrated by."""
     recording = open_recording(path)
-    header = recording.header
     collected = Collected()
     for record in recording.records():
         collected.take(record)
-    return touched(collected, header, str(path))
+    return touched(collected, recording.header, str(path))
 
 
 def touched(collected: Collected, header: Header, source: str) -> Touched:
@@ -178,7 +177,8 @@ def _ticks(collected: Collected, t_start_ns: int) -> Ticks:
     saturated = np.array([one.saturated for one in samples])
     around = _around(t_board_s, measured_um)
     slope[saturated], behind_um_s[saturated] = around.slope_um_s[saturated], around.off_um[saturated] / period_s
-    is_smooth = (frame >= 0) & (since_s >= AFTER_START_S) & (until_s >= BEFORE_NEXT_S)
+    after_s = min(AFTER_START_S, _AFTER_FRAMES * float(np.median(np.diff(start_s))))
+    is_smooth = (frame >= 0) & (since_s >= after_s) & (until_s >= BEFORE_NEXT_S)
     chosen = np.flatnonzero(is_smooth & (~saturated | around.is_known))
     slope = slope[chosen]
     return Ticks(

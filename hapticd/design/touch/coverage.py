@@ -82,5 +82,4 @@ class Ninth(NamedTuple):
 def where_next(windows: Windows, modes: ModeShapes) -> Ninth:
     """Return the ninth of the plate that was touched least."""
     by_place_s = touched_s(windows, modes)
-    row, column = divmod(int(np.argmin(by_place_s)), 3)
-    return Ninth(row, column, float(by_place_s[row, column]))
+    return Ninth(*divmod(int(np.argmin(by_place_s)), 3), float(by_place_s.min()))

@@ -25,7 +25,7 @@ _START_LOAD_1_S = 200.0
 _SETTLING_STEPS = 6
 _LOOSE_STEPS = 2  # loads and spreads are products: until both are near, none of the loads is a prior
 _MOST_STEPS = 12
-_MOST_WITH_WAVES = 2  # they start near, and are linear: more of them bring the map no nearer to the true one
+_MOST_WITH_WAVES = 1  # they start near, and are linear: with more the map takes up errors of the model
 _FAR = round(4.0 * FORCE_S / WINDOW_S)  # windows, beyond which loads say nothing of each other
 _LEAST_GAIN = 3e-4  # of the cost: then it has converged
 

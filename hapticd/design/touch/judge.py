@@ -51,11 +51,6 @@ class HeldOutGain(NamedTuple):
     frac: float
     standard_errors: float
 
-    @property
-    def confirms(self) -> bool:
-        """Whether it is worth something, and no mere chance."""
-        return self.frac >= WORTH_FRAC and self.standard_errors >= 1.0
-
 
 @dataclass(frozen=True, slots=True)
 class TouchCalibration:
@@ -115,7 +110,7 @@ class _Fitter:
 
 
 def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> TouchCalibration:
-    """Fit and judge, the map last. 60 s of touching on eight modes take 45 s of processor time, 29 s on two cores."""
+    """Fit and judge, the map last. 60 s of touching on eight modes take 38 s of processor time."""
     before = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
@@ -238,9 +233,10 @@ def _is_crossed(found: Calibration) -> bool:
 
 
 def _unconfirmed(gains: list[HeldOutGain]) -> str:
-    """Both halves have to be sure together, and each for its part."""
+    """Both halves have to be sure together, and each worth something and no mere chance."""
     together = sum(gain.standard_errors for gain in gains) / np.sqrt(len(gains))
-    return NO_CHANGE if together < SURE or not all(gain.confirms for gain in gains) else ""
+    each = all(gain.frac >= WORTH_FRAC and gain.standard_errors >= 1.0 for gain in gains)
+    return "" if together >= SURE and each else NO_CHANGE
 
 
 def _with_map(judged: TouchCalibration, windows: Windows, fitter: _Fitter) -> TouchCalibration:

@@ -15,7 +15,7 @@ from ...values import ComplexArray, FloatArray
 WINDOW_S = 0.02  # loads are constant within it: real ones change within 10 to 20 ms
 FEWEST_IN_WINDOW = 4  # samples, for the loads of two fingers to be determined
 MOST_FINGERS = 3  # down at once: loads of more take memory and time with each, and each tells less
-_AVERAGED = 3  # ticks: all costs fall with their number
+_AVERAGED = 3, 5  # ticks, on up to three modes and on more: all costs fall with their number
 _SESSION_S = 1e5  # more than any recording lasts
 _SMOOTHED = 3  # samples of a finger to either side of each, through which a cubic is fitted
 
@@ -134,7 +134,7 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     """Group ticks into windows in which the same fingers are down, also `most_shift_s` earlier and later.
 
     Ticks without a finger or with more than MOST_FINGERS, and windows of too few, are left out. Ticks next to each
-    other are averaged: a finger moves by half a millimetre meanwhile.
+    other are averaged: a finger moves by a millimetre meanwhile.
     """
     ends_s = np.array([(one.t_s[0] + most_shift_s, one.t_s[-1] - most_shift_s) for one in tracks]).reshape(-1, 2, 1)
     is_down = (ticks.t_s > ends_s[:, 0]) & (ticks.t_s < ends_s[:, 1])
@@ -143,7 +143,7 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     groups = np.split(np.arange(len(ticks.t_s)), np.flatnonzero(is_new) + 1)
     count = is_down.sum(axis=0)
     kept = [one for one in groups if len(one) >= FEWEST_IN_WINDOW and 0 < count[one[0]] <= MOST_FINGERS]
-    edges = [_edges(group) for group in kept]
+    edges = [_edges(group, _AVERAGED[ticks.measured_um.shape[1] > 3]) for group in kept]
     most = max((len(one) - 1 for one in edges), default=1)
     fingers = max((int(is_down[:, group[0]].sum()) for group in kept), default=1)
     place, is_used = np.zeros((len(kept), most), np.int64), np.zeros((len(kept), most), bool)
@@ -161,9 +161,9 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     return Windows(**arrays, is_used=is_used, track=track, tracks=tuple(tracks))
 
 
-def _edges(group: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Divide a window's ticks into parts of about _AVERAGED, at least two, as the loads of two fingers need."""
-    parts = max(2, round(len(group) / _AVERAGED))
+def _edges(group: npt.NDArray[np.int64], averaged: int) -> npt.NDArray[np.int64]:
+    """Divide a window's ticks into parts of about `averaged`, at least two, as the loads of two fingers need."""
+    parts = max(2, round(len(group) / averaged))
     return np.asarray(group[0] + len(group) * np.arange(parts + 1) // parts)
 
 

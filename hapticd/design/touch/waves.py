@@ -19,7 +19,7 @@ MAP_PRIOR = 0.021  # RMS of what smooth surfaces add to a map, as a share of its
 TURNED_PRIOR = 0.06  # of another driven mode's shape in one: they are tens of Hz apart, and turn by some degrees
 PARASITIC_PRIOR = 0.015  # of a parasitic mode's, which are farther apart
 _OWN_PRIOR = 1e-4  # of its own: touches do not tell a map's scale from the fingers' loads
-MOST = 600  # surfaces of all modes, which a fit takes the square of in time
+MOST, _MOST_EACH = 1600, 300  # surfaces of all modes, which a fit takes the square of in time, and of each
 _POINTS_A_WAVE = 6.5
 _MOST_POINTS = 41  # along an axis
 _OWN_SHARE = 0.3  # of the variance: waves of the map's own length
@@ -55,7 +55,7 @@ class Waves:
         far_mm = np.sqrt(((points[:, None] - points[is_near]) ** 2).sum(axis=-1))
         covariance = _OWN_SHARE * _ring(wave_rad_mm, far_mm) + (1.0 - _OWN_SHARE) * _matern(far_mm, _SCALE * wave_mm)
         variance, vectors = np.linalg.eigh(covariance[is_near])
-        kept = slice(-1, -1 - min(MOST // modes.M, count), -1)
+        kept = slice(-1, -1 - min(MOST // modes.M, _MOST_EACH, count), -1)
         # Elsewhere on the plate they are what is most likely by the touched part (Nystroem).
         surfaces = np.sqrt(count) * (covariance @ vectors[:, kept] / np.maximum(variance[kept], 1e-12)).T
         self._surfaces = BicubicSurfaces(x_mm, y_mm, surfaces.reshape(-1, len(y_mm), len(x_mm)))
