@@ -33,7 +33,7 @@ of = $$(grep -rl --include='test_*.py' '$(1)' tests clients/study/tests)
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
 # A rig keeps to real time and a busy machine may not: what fails there runs again alone, and must pass then.
 test-all: $(TESTS)
-	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 3 --dist loadfile -m "hypothesis and not alone" $(call of,hypothesis)
+	NEW_EXAMPLES=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "hypothesis and not alone" $(call of,hypothesis)
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -rs --durations=40 -m "long and not hypothesis and not alone" \
 	    $(call of,mark.long) || $(BIN)/python -m pytest -p no:xdist -rs -m long --last-failed --last-failed-no-failures none
 	$(BIN)/python -m pytest -p no:xdist -rs -m alone $(call of,mark.alone)

@@ -84,7 +84,7 @@ def test_strokes_that_ask_for_all_the_voltage_leave_the_processor_its_share(boar
     ("board", "late_chunks", "load_max"),
     [
         (F405, 0, 0.25),
-        *((replace(G474, modes=modes), late, most) for modes, late, most in ((2, 0, 0.27), (3, 0, 0.36), (4, 1, 0.46))),
+        *((replace(G474, modes=modes), late, most) for modes, late, most in ((3, 0, 0.36), (4, 1, 0.46))),
         (replace(G474, modes=5), 2, 0.55),
         (H743, 2, 0.6),
         (replace(H743, bus_cycles=(40, 40)), 2, 0.75),
