@@ -21,6 +21,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
+    "--force-device-scale-factor=0.5",  # without a GPU painting takes most of the time, by the pixel
 )
 
 
