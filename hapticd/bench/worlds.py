@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 from ..design.campaign import TaskRunner, one_by_one
 from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM
-from ..sim.matched_person import CALIBRATED_FRAC
 from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
@@ -82,7 +81,7 @@ def _felt(laboratories: dict[str, _Scores]) -> Table:
     notes = (
         "medians over the laboratories; felt, within two: both fingers within one or two JND (0.11) of what was asked",
         "amplitudes: judged by what they give this person, even over the contact; frictions: by themselves",
-        f"curve known: the person's scale, matched on this plate to {100 * CALIBRATED_FRAC:g} % RMS, for all fingers",
+        "curve known: the person's scale, as simulated observers match it on this plate, for all fingers",
     )
     each = ", ".join(f"{len(worlds)} x {glass}" for glass, worlds in laboratories.items())
     return Table("worlds_felt", f"worlds: {SCENARIO}, what is felt in laboratories, {each}", rows, notes)

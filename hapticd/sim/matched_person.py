@@ -12,23 +12,22 @@ from dataclasses import replace
 from statistics import fmean
 from typing import Final, cast
 
-import numpy as np
-
 from hapticd_contract.states import Perceived
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import Machine
 from ..daemon.observer import Observer
+from ..design.person import calibrated
 from ..values import WEBER_FRAC
 from . import lockstep
 from .fingers.scenarios import LAND_S, SCENARIOS, Actor, strokes
-from .observer import REFERENCE
+from .observer import KINDS, REFERENCE, SimulatedObserver
 from .score import SETTLE_S
 from .settings import Measured, Settings, in_world, knowing_person
 
-CALIBRATED_FRAC: Final = 0.045  # RMS, where the reference that a person matches is known to 5 %
-_ERROR_STREAM, _OTHER_STROKES, _SESSION = 27, 2000, 2
+_OTHER_STROKES: Final = 2000
+_SESSION: Final = 2
 
 
 def matched_factor(settings: Settings, known: Measured, seed: int, seconds: float) -> float:
@@ -63,5 +62,6 @@ def matched_factor(settings: Settings, known: Measured, seed: int, seconds: floa
         measured=known,
     )
     friction = REFERENCE * (1.0 + WEBER_FRAC * played.score.fingers[0].bias_jnd)
-    error = 1.0 + CALIBRATED_FRAC * float(np.random.default_rng([seed, _ERROR_STREAM]).standard_normal())
+    observer = SimulatedObserver([*KINDS.values()][seed % len(KINDS)], seed)
+    error = observer.curve.decay_um(0.0) / calibrated(observer.compare, REFERENCE).decay_um
     return -math.log(friction) * DEFAULT_FRICTION_CURVE.decay_um(0.0) / fmean(felt_um) * error
