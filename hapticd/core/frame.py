@@ -193,8 +193,8 @@ class FrameSolver:
         return self._speed_mm_s(key, t_ns, *self._predicted_mm(key, t_ns))
 
     def _speed_mm_s(self, key: FingerKey, t_ns: int, x_mm: float, y_mm: float) -> float:
-        was_x_mm, was_y_mm = self._predicted_mm(key, t_ns - _STEP_NS)
-        return math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
+        next_x_mm, next_y_mm = self._predicted_mm(key, t_ns + _STEP_NS)  # the newest sample's past is not predicted
+        return math.hypot(next_x_mm - x_mm, next_y_mm - y_mm) / (_STEP_NS * 1e-9)
 
     def _predicted_mm(self, key: FingerKey, t_ns: int) -> tuple[float, float]:
         """Return where a finger will be."""

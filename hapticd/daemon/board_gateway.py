@@ -19,12 +19,7 @@ from ..board_protocol import (
     HelloRequest,
     SetBaud,
 )
-from ..board_values import (
-    BoardCalibration,
-    BoardCommand,
-    BoardHello,
-    BoardStatus,
-)
+from ..board_values import BoardCalibration, BoardCommand, BoardHello, BoardStatus
 from ..config.sections import SIMULATED, Config
 from ..core.board.session import SILENT, STOPPED_AFTER_NS, BoardSession
 from ..core.board.supervisor import Event

@@ -111,11 +111,7 @@ class Daemon:
         self._recorders = Recorders(self.machine, self._config.record, self.runtime_dir, _header)
         self._recorders.start(loop)
         self._open_board()
-        self._trackpad.start(
-            loop,
-            on_reports=self._reports,
-            on_link=self._on_pad_link,
-        )
+        self._trackpad.start(loop, on_reports=self._reports, on_link=self._on_pad_link)
         self._timer = PeriodicTimer(loop, TIMER_NS, self._on_timer, clock_ns=now_ns)
 
     def _open_board(self) -> None:

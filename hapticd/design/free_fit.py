@@ -186,8 +186,7 @@ class FreePlateModes:
     def on_grid(self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
         """Return the surfaces `coefficients` (modes, M) on a grid: (M, ny, nx)."""
         shapes = np.stack([shape.on_grid(x_mm, y_mm) for shape in self._shapes])
-        surfaces: FloatArray = np.tensordot(coefficients.T, shapes, axes=1)
-        return surfaces
+        return np.asarray(np.tensordot(coefficients.T, shapes, axes=1))
 
     def _fit(self, pose: Pose, points_mm: FloatArray, values: FloatArray) -> FreeFit:
         design = self.at(pose.on_plate(points_mm))

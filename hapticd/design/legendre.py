@@ -18,8 +18,7 @@ def values(s: FloatArray, degree: int, order: int = 0) -> FloatArray:
     """Return derivatives of `order` of the polynomials 0..degree at s (N,), as (N, degree + 1)."""
     k, n = np.indices((degree + 1, degree + 1))  # P_n' is the sum of (2k + 1) P_k for k = n-1, n-3, ...
     raised = np.linalg.matrix_power(np.where((k < n) & ((n - k) % 2 == 1), 2.0 * k + 1.0, 0.0), order)
-    result: FloatArray = legendre.legvander(s, degree) @ raised * np.sqrt(np.arange(degree + 1) + 0.5)
-    return result
+    return np.asarray(legendre.legvander(s, degree) @ raised * np.sqrt(np.arange(degree + 1) + 0.5))
 
 
 @lru_cache(maxsize=128)

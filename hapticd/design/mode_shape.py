@@ -51,8 +51,7 @@ class ModeShape:
         x, y = np.clip(points * (2.0 / np.array(self.size_mm)), -1.0, 1.0).T
         terms_x, terms_y = self.coefficients.shape
         across = legendre.values(x, terms_x - 1) @ self.coefficients
-        result: FloatArray = np.einsum("nj,nj->n", across, legendre.values(y, terms_y - 1))
-        return result
+        return np.asarray(np.einsum("nj,nj->n", across, legendre.values(y, terms_y - 1)))
 
     def on_grid(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike) -> FloatArray:
         """Return the shape (ny, nx) on the grid of `x_mm` (nx,), `y_mm` (ny,): much cheaper than point by point."""

@@ -22,6 +22,7 @@ LEAST_REFERENCE, MOST_REFERENCE = 0.13, 0.6  # any person's plate is that slippe
 REFERENCE_SIGMA, LEANING_SIGMA = 0.05, 0.03  # of the logarithm of friction
 USUAL_DECAY_UM, DECAY_SIGMA = 0.7, 0.25  # of persons, and of its logarithm
 USUAL_WEBER, WEBER_SIGMA = 0.11, 0.5
+GROWS_MM_S: Final = 2000.0  # doubles the amplitude, as is assumed: between a film of air, never, and bouncing, 1000
 SIGMAS: Final = 1.96  # of the interval: 95 %
 SLOPE: Final = math.log(3.0)  # of the logistic function that is 3/4 at 1
 ASIDE, LEAST_ASIDE = 0.6, 0.06  # sigmas from the match at which a comparison tells most, and the least, relative

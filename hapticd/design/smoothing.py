@@ -35,8 +35,7 @@ class PlateBasis:
     def at(self, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
         """Return all products at points (N,), (N,): (N, products)."""
         along_x, along_y = self._along(0, x_mm, 0), self._along(1, y_mm, 0)
-        product: FloatArray = along_x[:, self._i] * along_y[:, self._j]
-        return product
+        return np.asarray(along_x[:, self._i] * along_y[:, self._j])
 
     def on_grid(
         self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray, order: Order = (0, 0)
@@ -44,8 +43,7 @@ class PlateBasis:
         """Return a partial derivative, per mm, of the surfaces `coefficients` (products, M) on a grid: (M, ny, nx)."""
         table = np.zeros((coefficients.shape[1], self.degrees[1] + 1, self.degrees[0] + 1))
         table[:, self._j, self._i] = coefficients.T
-        surfaces: FloatArray = self._along(1, y_mm, order[1]) @ table @ self._along(0, x_mm, order[0]).T
-        return surfaces
+        return np.asarray(self._along(1, y_mm, order[1]) @ table @ self._along(0, x_mm, order[0]).T)
 
     def energy(self, left: Order, right: Order) -> FloatArray:
         """Return four times the mean over the plate of products of two partial derivatives (products, products)."""
@@ -54,8 +52,7 @@ class PlateBasis:
             / self.half_mm[axis] ** (left[axis] + right[axis])
             for axis in (0, 1)
         )
-        product: FloatArray = along_x[np.ix_(self._i, self._i)] * along_y[np.ix_(self._j, self._j)]
-        return product
+        return np.asarray(along_x[np.ix_(self._i, self._i)] * along_y[np.ix_(self._j, self._j)])
 
     def _along(self, axis: int, position_mm: FloatArray, order: int) -> FloatArray:
         half_mm = self.half_mm[axis]

@@ -107,5 +107,4 @@ def _prediction_square(points_mm: FloatArray, values: FloatArray, wave_rad_mm: f
     design = np.hstack((np.cos(phase_rad), np.sin(phase_rad)))
     found, _, rank, _ = np.linalg.lstsq(design, values, rcond=_LEAST_SHARE)
     spare_frac = max(1.0 - rank / len(values), 1.0 / len(values))
-    square: float = ((values - design @ found) ** 2).mean(axis=0).sum() / spare_frac**2
-    return square
+    return float(((values - design @ found) ** 2).mean(axis=0).sum() / spare_frac**2)

@@ -35,8 +35,8 @@ def matched_factor(settings: Settings, known: Measured, seed: int, seconds: floa
     world, amplitude_um = settings.plate.world, DEFAULT_FRICTION_CURVE.amplitude_um
     asked_um = amplitude_um(DEFAULT_FRICTION_CURVE.friction_frac(REFERENCE))
     at_match = knowing_person(settings, world.friction_factor)
-    skin = replace(world.skin, finger_ratio=1.0)
-    at_match = in_world(at_match, replace(at_match.plate.world, skin=skin))
+    alike = replace(at_match.plate.world.skin, finger_ratio=1.0)
+    at_match = in_world(at_match, replace(at_match.plate.world, skin=alike))
     felt_um: list[float] = []
 
     def observed(machine: Machine, _: ModeShapes) -> Observer:

@@ -11,6 +11,7 @@ from ..config.loader import on_plate, with_uncertainty
 from ..config.sections import Config
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.plate.mode_shapes import ModeShapes
+from ..design.person import GROWS_MM_S
 from ..errors import SimulationError
 from .fingers import fingertip
 from .fingers.fingertip import Fingertip
@@ -85,13 +86,17 @@ def in_world(settings: Settings, world: WorldErrors) -> Settings:
 
 def knowing_person(settings: Settings, factor: float) -> Settings:
     """Return settings whose daemon takes the person for one whose friction answers `factor` times as much to amplitude
-    as the usual person's. What is wrong with that is left of `friction_factor`."""
+    as the usual person's, and to speed as is assumed. What is wrong with that is left of `friction_factor`."""
     world, usual = settings.plate.world, DEFAULT_FRICTION_CURVE
     plate = replace(
-        settings.config.plate, friction_curve=(0.0, usual.full_um / factor), friction_floor_frac=usual.floor_frac
+        settings.config.plate,
+        friction_curve=(0.0, usual.full_um / factor),
+        friction_floor_frac=usual.floor_frac,
+        friction_speed_mm_s=GROWS_MM_S,
     )
     knowing = replace(settings, config=replace(settings.config, plate=plate))
-    return in_world(knowing, replace(world, friction_factor=world.friction_factor / factor))
+    skin = replace(world.skin, known_s_m=1e3 / GROWS_MM_S)
+    return in_world(knowing, replace(world, friction_factor=world.friction_factor / factor, skin=skin))
 
 
 def paper_settings(played: Settings) -> Settings:

@@ -132,13 +132,15 @@ class Skin:
     `finger_ratio`: each finger has its own, up to so many times the person's either way. `drift_frac`: by which it
     grows in DRIFT_S from a run's start on, as skin moistens. `speed_s_m`, `force_power`: a friction takes an amplitude
     that grows by `speed_s_m` times the sliding speed, and with this power of the force (`FingerLoad.force_frac`); at
-    USUAL_MM_S and the mean force it is that of the factor. Left out: curves of another form.
+    USUAL_MM_S and the mean force it is that of the factor. The daemon's curve grows by `known_s_m` already. Left out:
+    curves of another form.
     """
 
     finger_ratio: Annotated[float, msgspec.Meta(ge=1.0)] = 1.0
     drift_frac: _Scale = 0.0
     speed_s_m: _Size = 0.0
     force_power: float = 0.0
+    known_s_m: _Size = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +216,8 @@ class WorldErrors:
     def amplitude_gains(self, t_s: FloatArray, sliding_mm_s: FloatArray) -> FloatArray:
         """Return how many times the amplitude of the daemon's curve each finger needs for a friction, at instants (T,)
         and sliding speeds (T,N)."""
-        skin, gains = self.skin, 1.0 + 1e-3 * self.skin.speed_s_m * sliding_mm_s
+        skin, per_mm_s = self.skin, 1e-3 * sliding_mm_s
+        gains = (1.0 + skin.speed_s_m * per_mm_s) / (1.0 + skin.known_s_m * per_mm_s)
         gains /= self.friction_factor * (1.0 + 1e-3 * skin.speed_s_m * USUAL_MM_S)
         for finger in range(gains.shape[1]):
             share = float(np.random.default_rng([self.seed, _SKIN_STREAM, finger]).uniform(-1.0, 1.0))

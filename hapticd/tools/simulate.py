@@ -83,11 +83,7 @@ def _simulate(options: argparse.Namespace) -> None:
     plate = replace(PlateSettings.of(sim.plate, sim.modes or None, sim.wiring), world=_world(options))
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
-    settings = Settings(
-        motion=_motion(options),
-        speed_mm_s=speed_mm_s,
-        plate=plate,
-    )
+    settings = Settings(motion=_motion(options), speed_mm_s=speed_mm_s, plate=plate)
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
         play: dict[str, Any] = {"settings": settings, "seed": options.seed, "seconds": options.seconds}

@@ -10,6 +10,7 @@ import pytest
 from hapticd.bench import worlds
 from hapticd.bench.loop import GUIDED, HAPTICD, PAPER, PERFECT, Job, felt_figures, measured, play
 from hapticd.bench.tables import Table
+from hapticd.design.person import GROWS_MM_S
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import REAL, SLIPPERY_UM
 from hapticd.sim.matched_person import matched_factor
@@ -17,7 +18,7 @@ from hapticd.sim.plate.glasses import FINGERTIP, WIDE
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.score import Score
 from hapticd.sim.settings import Settings, in_world
-from hapticd.sim.world_errors import SensorErrors, Skin, WorldErrors
+from hapticd.sim.world_errors import USUAL_MM_S, SensorErrors, Skin, WorldErrors
 from hapticd.sim.world_tolerances import LEVELS
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # fits of eight modes
@@ -73,6 +74,8 @@ def test_a_person_is_matched_in_the_plates_own_amplitudes_and_by_own_strokes() -
     assert factor(friction_factor=1.3) == pytest.approx(1.3 * usual, rel=0.02)
     assert factor(sensors=SensorErrors((0.05,) * 8)) < 0.98 * usual  # the plate moves less than they read
     assert factor(skin=Skin(speed_s_m=1.0)) < 0.99 * usual  # hands are faster than the finger of the factor
+    as_assumed = factor(skin=Skin(speed_s_m=1e3 / GROWS_MM_S))
+    assert as_assumed == pytest.approx(1.0 + USUAL_MM_S / GROWS_MM_S, rel=0.03)  # at rest; the observer errs by 0.02
 
 
 def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str, Table]) -> None:

@@ -271,8 +271,7 @@ def _sensor(settings: PlateSettings, modes: int) -> FloatArray:
 def _true_sensor(exact: FloatArray, errors: SensorErrors) -> FloatArray | npt.NDArray[np.complex128]:
     if errors == NEUTRAL.sensors:
         return _read_only(exact)
-    wrong: npt.NDArray[np.complex128] = errors.matrix(len(exact)) @ exact
-    return wrong
+    return np.asarray(errors.matrix(len(exact)) @ exact)
 
 
 def _read_only(array: FloatArray) -> FloatArray:

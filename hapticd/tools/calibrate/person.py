@@ -1,7 +1,8 @@
 """A participant's friction curve without a force sensor: which is more slippery, the plate or a reference beside it?
 
 The running service drives the plate; its amplitude is the even one that gives what telemetry says is felt: where it is
-not even over a contact, its RMS is larger. The person answers at the terminal or on a page, while which is closed the
+not even over a contact, its RMS is larger. The curve is a resting finger's: by the speed of each comparison, and an
+assumed growth with it (`GROWS_MM_S`). The person answers at the terminal or on a page, while which is closed the
 comparison waits and the plate is quiet.
 """
 
@@ -11,7 +12,7 @@ import argparse
 import asyncio
 import math
 from dataclasses import replace
-from itertools import count
+from itertools import count, pairwise
 from statistics import fmean
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from hapticd_client import Client
 from hapticd_client import HapticdError as ClientError
 
 from ...design import person as design
-from ...design.person import FULL_UM, Answer, Ask, Match
+from ...design.person import FULL_UM, GROWS_MM_S, Answer, Ask, Match
 from ...errors import CalibrationError, HapticdError, UsageError
 from ...sim.observer import KINDS, REFERENCE, SimulatedObserver
 from .. import arguments
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 SURFACE = "even"
 ANSWERS = {"p": "plate", "r": "reference"}  # keys of the terminal, buttons of the page
 STROKED = 90  # states with one finger on the plate, a second, over which its amplitude is averaged
+HANDS_MM_S = 100.0  # while they compare
 SILENT_S = 10.0  # of a busy service: a person who answered for minutes is not sent away
 UNSURE_FRAC = 0.15  # of the interval, to one side
 
@@ -96,6 +98,7 @@ def verdict(found: Match, options: argparse.Namespace) -> Verdict:
     if high_um > (1.0 + UNSURE_FRAC) * decay_um:
         outcome, sentence = Outcome.WARN, f"{sentence} That is wide: measure again."
     plate = {"friction_curve": [0.0, FULL_UM], "friction_floor_frac": round(math.exp(-FULL_UM / decay_um), 4)}
+    plate["friction_speed_mm_s"] = GROWS_MM_S
     return Verdict("person", outcome, sentence, figures, {"plate": plate}, options.sim)
 
 
@@ -122,25 +125,31 @@ class TypingFront:
 
 def compared(front: TypingFront | QuestionPage, client: Client, amplitude_um: float, **progress: int) -> Answer:
     """Ask the person, who may close a page and come back. Raises HapticdError."""
-    felt_um: list[float] = []
-    curve = served_curve(client.plate())
+    stroked: list[tuple[float, ...]] = []
+    served = client.plate()
+    curve, served_mm_s = served_curve(served), served.get("friction_speed_mm_s") or math.inf
     is_laid: bool | None = None  # not known: the page may have been closed since the comparison before
     for state in client.states(SILENT_S):
         if is_laid is not front.is_open:
             is_laid = front.is_open
-            client.surface(SURFACE, amplitude_um=amplitude_um) if is_laid else client.remove(SURFACE)
-            felt_um.clear()
+            laid_um = amplitude_um * (1.0 + HANDS_MM_S / GROWS_MM_S)
+            client.surface(SURFACE, amplitude_um=laid_um) if is_laid else client.remove(SURFACE)
+            stroked.clear()
             front.show(heading="Stroke the plate …", is_ready=False, **progress)
         key = front.pressed()
-        if is_laid and len(felt_um) < STROKED:
+        if is_laid and len(stroked) < STROKED:
             fingers = [finger for finger in state.fingers if not finger.virtual]
             if len(fingers) == 1 and fingers[0].felt_friction is not None:
-                felt_um.append(curve.amplitude_um(fingers[0].felt_friction))
-            if len(felt_um) == STROKED:
+                felt_um = curve.amplitude_um(fingers[0].felt_friction)
+                stroked.append((felt_um, fingers[0].x_mm, fingers[0].y_mm, state.t_ns * 1e-9))
+            if len(stroked) == STROKED:
                 front.show(heading="Which is more slippery, plate or reference?", is_ready=True, **progress)
         elif is_laid and key in ANSWERS.values():
             break
-    return Answer(fmean(felt_um), key == ANSWERS["p"])
+    path_mm = sum(math.dist(last[1:3], one[1:3]) for last, one in pairwise(stroked))
+    speed_mm_s = path_mm / (stroked[-1][3] - stroked[0][3])
+    moving_um = fmean(one[0] for one in stroked) * (1.0 + speed_mm_s / served_mm_s)
+    return Answer(moving_um / (1.0 + speed_mm_s / GROWS_MM_S), key == ANSWERS["p"])
 
 
 def _add_reference(parser: argparse.ArgumentParser) -> None:

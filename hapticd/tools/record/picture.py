@@ -72,8 +72,7 @@ class _Part(NamedTuple):
 
     def contains(self, t_s: Column) -> npt.NDArray[np.bool_]:
         """Return which instants are drawn."""
-        inside: npt.NDArray[np.bool_] = (t_s >= self.start_s) & (t_s <= self.end_s)
-        return inside
+        return np.asarray((t_s >= self.start_s) & (t_s <= self.end_s))
 
     def draw(self, axis: Any, t_s: Column, values: Column, **options: Any) -> None:
         """Draw a line through points before and behind the edges too; one that does not reach into the part has no

@@ -6,6 +6,7 @@ import asyncio
 import re
 import time
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -77,16 +78,17 @@ class Plate:
         self.laid_um.append(0.0)
 
     def states(self, _: float) -> Iterator[Any]:
-        one = SimpleNamespace(virtual=False, contact_um=0.0, felt_friction=1.0)
-        yield SimpleNamespace(fingers=(one, one))
-        while True:
+        one = SimpleNamespace(virtual=False, contact_um=0.0, felt_friction=1.0, x_mm=0.0, y_mm=0.0)
+        yield SimpleNamespace(fingers=(one, one), t_ns=0)
+        for t_ns in count(10**7, 10**7):
+            one.x_mm = abs(1e-7 * t_ns % 200.0 - 100.0)  # at 100 mm/s, to and fro
             time.sleep(0.0)  # the page's thread goes on
             one.contact_um = 1.2 * self.laid_um[-1]  # RMS: it is uneven
             one.felt_friction = SERVED.friction_frac(SERVED.friction(0.95 * self.laid_um[-1]))
-            yield SimpleNamespace(fingers=(one,))
+            yield SimpleNamespace(fingers=(one,), t_ns=t_ns)
 
     def answer(self, _: str = "") -> str:
-        return "P " if self.observer.compare(self.gain * 0.95 * self.laid_um[-1]).is_slipperier else "r"
+        return "P " if self.observer.compare(self.gain * 0.95 / 1.05 * self.laid_um[-1]).is_slipperier else "r"
 
     def visit(self, link: str) -> None:
         """Answer as a browser that was opened with a file that leads to the page."""
@@ -126,6 +128,7 @@ def test_the_person_at_a_front_strokes_an_even_plate_and_a_check_keeps_the_curve
     assert call() == 0
     file = participants.folder_of(tmp_path, "anna") / participants.FILE
     curve = friction_curve(Config(plate=participants.load(file, PlateConfig())[0]))
+    assert curve.speed_gain(100.0) == 1.05
     assert curve.friction(1.0) == pytest.approx(plate.observer.curve.friction(1.0), rel=0.1)
     assert plate.laid_um[-1] == 0.0
     written = file.read_text()
