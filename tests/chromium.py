@@ -21,7 +21,6 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
-    "--force-device-scale-factor=0.5",  # without a GPU painting takes most of the time, by the pixel
 )
 
 
@@ -39,7 +38,8 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chr
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     own = tmp_path_factory.mktemp("chromium")
-    for flag in (*FLAGS, f"--user-data-dir={own}/profile", "--window-size=1280,1200"):
+    small = "--force-device-scale-factor=0.5"  # without a GPU painting takes most of the time, by the pixel
+    for flag in (*FLAGS, f"--user-data-dir={own}/profile", "--window-size=1280,1200", small):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     service = Service(DRIVER, log_output=subprocess.DEVNULL, env={**os.environ, "TMPDIR": str(own)})
