@@ -11,7 +11,7 @@ from ..config.loader import on_plate, with_uncertainty
 from ..config.sections import Config
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.plate.mode_shapes import ModeShapes
-from ..design.person import GROWS_MM_S
+from ..design.person import FRICTION_SPEED_MM_S
 from ..errors import SimulationError
 from .fingers import fingertip
 from .fingers.fingertip import Fingertip
@@ -92,10 +92,10 @@ def knowing_person(settings: Settings, factor: float) -> Settings:
         settings.config.plate,
         friction_curve=(0.0, usual.full_um / factor),
         friction_floor_frac=usual.floor_frac,
-        friction_speed_mm_s=GROWS_MM_S,
+        friction_speed_mm_s=FRICTION_SPEED_MM_S,
     )
     knowing = replace(settings, config=replace(settings.config, plate=plate))
-    skin = replace(world.skin, known_s_m=1e3 / GROWS_MM_S)
+    skin = replace(world.skin, known_s_m=1e3 / FRICTION_SPEED_MM_S)
     return in_world(knowing, replace(world, friction_factor=world.friction_factor / factor, skin=skin))
 
 

@@ -10,7 +10,7 @@ import pytest
 from hapticd.bench import worlds
 from hapticd.bench.loop import GUIDED, HAPTICD, PAPER, PERFECT, Job, felt_figures, measured, play
 from hapticd.bench.tables import Table
-from hapticd.design.person import GROWS_MM_S
+from hapticd.design.person import FRICTION_SPEED_MM_S
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import REAL, SLIPPERY_UM
 from hapticd.sim.matched_person import matched_factor
@@ -74,8 +74,10 @@ def test_a_person_is_matched_in_the_plates_own_amplitudes_and_by_own_strokes() -
     assert factor(friction_factor=1.3) == pytest.approx(1.3 * usual, rel=0.02)
     assert factor(sensors=SensorErrors((0.05,) * 8)) < 0.98 * usual  # the plate moves less than they read
     assert factor(skin=Skin(speed_s_m=1.0)) < 0.99 * usual  # hands are faster than the finger of the factor
-    as_assumed = factor(skin=Skin(speed_s_m=1e3 / GROWS_MM_S))
-    assert as_assumed == pytest.approx(1.0 + USUAL_MM_S / GROWS_MM_S, rel=0.03)  # at rest; the observer errs by 0.02
+    as_assumed = factor(skin=Skin(speed_s_m=1e3 / FRICTION_SPEED_MM_S))
+    assert as_assumed == pytest.approx(
+        1.0 + USUAL_MM_S / FRICTION_SPEED_MM_S, rel=0.03
+    )  # at rest; the observer errs by 0.02
 
 
 def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str, Table]) -> None:

@@ -2,8 +2,8 @@
 
 The running service drives the plate; its amplitude is the even one that gives what telemetry says is felt: where it is
 not even over a contact, its RMS is larger. The curve is a resting finger's: by the speed of each comparison, and an
-assumed growth with it (`GROWS_MM_S`). The person answers at the terminal or on a page, while which is closed the
-comparison waits and the plate is quiet.
+assumed growth with it (`FRICTION_SPEED_MM_S`). The person answers at the terminal or on a page; while that is closed
+the comparison waits and the plate is quiet.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hapticd_client import Client
 from hapticd_client import HapticdError as ClientError
 
 from ...design import person as design
-from ...design.person import FULL_UM, GROWS_MM_S, Answer, Ask, Match
+from ...design.person import FRICTION_SPEED_MM_S, FULL_UM, Answer, Ask, Match
 from ...errors import CalibrationError, HapticdError, UsageError
 from ...sim.observer import KINDS, REFERENCE, SimulatedObserver
 from .. import arguments
@@ -98,7 +98,7 @@ def verdict(found: Match, options: argparse.Namespace) -> Verdict:
     if high_um > (1.0 + UNSURE_FRAC) * decay_um:
         outcome, sentence = Outcome.WARN, f"{sentence} That is wide: measure again."
     plate = {"friction_curve": [0.0, FULL_UM], "friction_floor_frac": round(math.exp(-FULL_UM / decay_um), 4)}
-    plate["friction_speed_mm_s"] = GROWS_MM_S
+    plate["friction_speed_mm_s"] = FRICTION_SPEED_MM_S
     return Verdict("person", outcome, sentence, figures, {"plate": plate}, options.sim)
 
 
@@ -132,7 +132,7 @@ def compared(front: TypingFront | QuestionPage, client: Client, amplitude_um: fl
     for state in client.states(SILENT_S):
         if is_laid is not front.is_open:
             is_laid = front.is_open
-            laid_um = amplitude_um * (1.0 + HANDS_MM_S / GROWS_MM_S)
+            laid_um = amplitude_um * (1.0 + HANDS_MM_S / FRICTION_SPEED_MM_S)
             client.surface(SURFACE, amplitude_um=laid_um) if is_laid else client.remove(SURFACE)
             stroked.clear()
             front.show(heading="Stroke the plate …", is_ready=False, **progress)
@@ -149,7 +149,7 @@ def compared(front: TypingFront | QuestionPage, client: Client, amplitude_um: fl
     path_mm = sum(math.dist(last[1:3], one[1:3]) for last, one in pairwise(stroked))
     speed_mm_s = path_mm / (stroked[-1][3] - stroked[0][3])
     moving_um = fmean(one[0] for one in stroked) * (1.0 + speed_mm_s / served_mm_s)
-    return Answer(moving_um / (1.0 + speed_mm_s / GROWS_MM_S), key == ANSWERS["p"])
+    return Answer(moving_um / (1.0 + speed_mm_s / FRICTION_SPEED_MM_S), key == ANSWERS["p"])
 
 
 def _add_reference(parser: argparse.ArgumentParser) -> None:

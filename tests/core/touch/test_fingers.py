@@ -66,4 +66,4 @@ def test_a_fast_pads_stamps_may_run_back_and_no_report_is_lost() -> None:
         taken.add(pad.t_device_ns)
         errors_ms.append((pad.t_sample_ns - t_ns) / MS)
     assert len(taken) > 2950  # 2552 where such reports are left out
-    assert np.std(errors_ms[600:]) < 1.1  # 1.8 where the clock begins anew with each
+    assert np.std(errors_ms[600:]) < 1.1  # 1.8 where the clock restarts with each
