@@ -30,7 +30,7 @@ LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
 READ_NS = 1_000_000  # before a status: what its sensors read, of the reference before that which it acknowledges
 READING_UM = 0.4  # by which one reading of all modes and the reference differ by their times alone
 OLD_NS = 50_000_000  # a status says nothing of the present
-BIN_JND, BINS = 0.05, 400  # of errors over time: larger ones count as the last
+OCTAVE, ONE_JND, BINS = 6, 24, 54  # of errors over time: bins of an octave, below one JND, and all
 
 log = logging.getLogger("hapticd")
 
@@ -45,18 +45,20 @@ class ErrorTally:
 
     def add(self, error_jnd: float, span_ns: int) -> None:
         self._sum_jnd_ns += error_jnd * span_ns
-        self._spans_ns[int(min(abs(error_jnd) / BIN_JND, BINS - 1.0))] += span_ns
+        place = ONE_JND + OCTAVE * math.log2(max(abs(error_jnd), 1e-9))
+        self._spans_ns[int(min(max(place, 0.0), BINS - 1.0))] += span_ns
 
     def figures(self) -> dict[str, float]:
         """Return the fields of `Perceived` that are over time."""
         ends_ns = [*accumulate(self._spans_ns)]
         all_ns = ends_ns[-1]
+        median, most = [bisect_left(ends_ns, share * all_ns) + 0.5 - ONE_JND for share in (0.5, 0.95)]
         return {
             "bias_jnd": self._sum_jnd_ns / all_ns,
-            "median_jnd": BIN_JND * (bisect_left(ends_ns, 0.5 * all_ns) + 0.5),
-            "error_95_jnd": BIN_JND * (bisect_left(ends_ns, 0.95 * all_ns) + 0.5),
-            "felt_frac": ends_ns[round(1.0 / BIN_JND) - 1] / all_ns,
-            "within_two_frac": ends_ns[round(2.0 / BIN_JND) - 1] / all_ns,
+            "median_jnd": 2.0 ** (median / OCTAVE),
+            "error_95_jnd": 2.0 ** (most / OCTAVE),
+            "felt_frac": ends_ns[ONE_JND - 1] / all_ns,
+            "within_two_frac": ends_ns[ONE_JND + OCTAVE - 1] / all_ns,
         }
 
 
@@ -111,27 +113,22 @@ class Perception:
         missing_um = self._missing_um(tick.t_now_ns)
         if missing_um is not None:
             modal_um = tuple([w_um + less_um for w_um, less_um in zip(modal_um, missing_um, strict=True)])
-        ellipses = dict.fromkeys(keys) if past.ellipses is None else dict(zip(keys, past.ellipses, strict=True))
-        achieved = self._achieved(tick, ellipses)
-        places_mm2 = self._places_mm2(keys, t_ns)
-        felt = {
-            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipses[key])
-            for key, (x_mm, y_mm, _), speed_gain, place_mm2 in zip(
-                keys, past.places, past.speed_gains, places_mm2, strict=True
-            )
-        }
-        self._changes = {
-            key: felt[key].friction / self._contacts.asked(target_um, speed_gain) - 1.0
-            for key, (_, _, target_um), speed_gain in zip(keys, past.places, past.speed_gains, strict=True)
-            if key in solved
-        }
-        self._tallies = {
-            key: self._tallies.get(key) or ErrorTally(change / WEBER_FRAC) for key, change in self._changes.items()
-        }
+        ellipses = past.ellipses or [None] * len(keys)
+        achieved = self._achieved(tick, dict(zip(keys, ellipses, strict=True)))
         reported: dict[FingerKey, Finger] = {finger.finger_id: finger for finger in self._pipeline.fingers}
-        perceived = {key: self._felt_only(one, ellipses[key], reported.get(key)) for key, one in felt.items()}
-        for key, point in solved.items():
-            perceived[key] = self._perceived(perceived[key], felt[key], point, achieved[key])
+        perceived, self._changes, tallies, modes = {}, {}, self._tallies, self._pipeline.modes
+        self._tallies = {}
+        for key, place, speed_gain, place_mm2, ellipse in zip(
+            keys, past.places, past.speed_gains, self._places_mm2(keys, t_ns), ellipses, strict=True
+        ):
+            x_mm, y_mm, target_um = place
+            felt = self._contacts.felt(modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipse)
+            perceived[key] = self._felt_only(felt, ellipse, reported.get(key))
+            if key in solved:
+                change = felt.friction / self._contacts.asked(target_um, speed_gain) - 1.0
+                self._changes[key] = change
+                self._tallies[key] = tallies.get(key) or ErrorTally(change / WEBER_FRAC)
+                perceived[key] = self._perceived(perceived[key], felt, solved[key], achieved[key])
         points = tuple([point._replace(achieved_um=achieved[point.key].rms_um) for point in tick.points])
         return tick._replace(points=points), perceived
 
