@@ -37,7 +37,7 @@ from .frame import (
 from .friction import FrictionCurve
 from .phasors import Phasors
 from .plate.mode_shapes import ModeShapes
-from .solver.felt_descent import COLD, UNCERTAIN_FRAC
+from .solver.felt_descent import COLD, EVEN_FRAC, UNCERTAIN_FRAC
 from .solver.instant import InstantSolver
 from .solver.reach import LEAST_CALLS, ReachSearch
 from .targets.scene import Scene
@@ -47,6 +47,7 @@ from .trajectory.gate import UNTOUCHED, gate, silence
 from .triggers import Triggers
 
 _DURATION_STEP_NS: Final = 1_500_000  # of a slow pad's frames: they do not change with each estimate of its period
+_USUAL_PERIOD_S: Final = 0.011
 _LONGEST_DURATION_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
 
 BUDGET_NS: Final = 3_500_000.0
@@ -160,7 +161,9 @@ class Pipeline:
         self._effects.set_knot_limits(self._effect_knots, self._frame_duration_ns * 11 // 15)
 
     def _follow_period(self, period_s: float) -> None:
-        """Make frames last one and a half of the pad's periods, in steps of 1.5 ms, where it is slow."""
+        """Make frames last one and a half of the pad's periods, in steps of 1.5 ms, where it is slow; on a fast pad,
+        whose next report comes soon, vibrations need be less even."""
+        self._solver.even_frac = EVEN_FRAC * min((period_s or _USUAL_PERIOD_S) / _USUAL_PERIOD_S, 1.0)
         slow_ns = _DURATION_STEP_NS * int(period_s * 1e3)
         frame_duration_ns = max(self._settings.frame_duration_ns, min(slow_ns, _LONGEST_DURATION_NS))
         if frame_duration_ns != self._frame_duration_ns:

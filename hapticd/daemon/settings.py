@@ -16,6 +16,7 @@ from ..core.uncertainty import Uncertainty
 from ..values import AffineMap
 
 MOST_KNOTS = 16  # in one reference frame without effects
+POINT_TOLERANCE_UM, CONTACT_TOLERANCE_UM = 0.02, 0.04  # of knots; half of the latter is felt alike
 LATENCY_SIGMA_S = 1.7e-3  # of trackpad.latency_ms
 PERSONS_FRAC, MATCHED_FRAC = 0.2, 0.06  # of the amplitude for a friction, by the built-in curve and a measured one
 SILENCE_NS = 40_000_000  # fingers count as lifted after it without a report, of a slow pad after 3.5 periods
@@ -48,6 +49,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
+        tolerance_um=CONTACT_TOLERANCE_UM if are_contacts else POINT_TOLERANCE_UM,
         uncertain_frac=max(math.hypot(unsure.map_frac, unsure.sensors_frac), UNCERTAIN_FRAC),
         max_knots=max_knots(config, config.device.baud),
         effect_knots=effect_knots(config, config.device.baud),

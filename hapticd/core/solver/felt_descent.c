@@ -11,7 +11,6 @@
 static const double WEBER_FRAC = 0.11;
 static const double RATE = 0.3;            /* of the weights */
 static const double LEAST_JND = 0.3;       /* smaller errors weigh alike */
-static const double SLACK_FRAC = 0.7;      /* of a sticky finger's error: does not count where it is small; from one JND on all counts */
 static const double EVEN_FRAC = 0.5;       /* of a point's way to the mean of its contact, if the finger has no error */
 static const double MOST_WEIGHT = 4.6;     /* of its logarithm: 100 either way */
 static const double ROUND_UM = 0.2;        /* of amplitude, about which |r| is rounded */
@@ -42,7 +41,7 @@ typedef struct {
     const double *shapes, *weights, *limits_um;                                              /* (N Q, M), (Q,), (M,) */
     const double *targets_um, *frictions, *counted, *stickiness, *gains;                     /* (N,) */
     const double *starts_um, *origins_um, *rates_1_um;                                       /* (pieces,) */
-    double full_um, least, uncertain, keep; /* uncertain: the square of the share of a mode's amplitude */
+    double full_um, least, uncertain, even, keep; /* uncertain: the square of the share of a mode's amplitude */
     double *log_weights, *errors, *contact_rms_um, *got, *logs, *mean_um;                    /* (N,) */
     double *rows, *across;                                 /* what W acts on: (N Q, M) and one more, and (M, room) */
     double *w_d_um, *w_q_um, *rms_um, *friction, *rate_1_um, *kappa, *pulled;                /* (room,) */
@@ -108,7 +107,7 @@ static void weigh(problem_t *p)
 {
     double mean = 0.0, centre = 0.0;
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
-        const double size = fabs(p->errors[finger]), less = SLACK_FRAC * fmax(1.0 - size, 0.0);
+        const double size = fabs(p->errors[finger]), less = fmax(1.0 - size, 0.0);
         p->logs[finger] = log(fmin(fmax(size * (1.0 - p->stickiness[finger] * less), LEAST_JND), p->counted[finger]));
         mean += p->logs[finger] / (double)p->fingers;
     }
@@ -131,7 +130,7 @@ static void majorise(problem_t *p, Py_ssize_t finger)
     const double target = p->frictions[finger], got = p->got[finger];
     const double alpha = exp(p->log_weights[finger]) / (WEBER_FRAC * target);
     const double to_zero = alpha * p->stickiness[finger], along = alpha * (1.0 - p->stickiness[finger]);
-    const double even = EVEN_FRAC / (1.0 + p->errors[finger] * p->errors[finger]), mean_um = p->mean_um[finger];
+    const double even = p->even / (1.0 + p->errors[finger] * p->errors[finger]), mean_um = p->mean_um[finger];
     const double outwards = fmax(fmin((got - target) / got, 1.0), -MOST_LESS);
     const Py_ssize_t stuck = to_zero > 0.0 ? points : 0, pulling = along > 0.0 ? points : 0;
     for (Py_ssize_t index = 0; index < points; index++)
@@ -448,7 +447,7 @@ static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
 /* --- Python's arrays ------------------------------------------------------------------------------------------------- */
 
 static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_t iterations, double most_step_um,
-                              double uncertain_frac)
+                              double uncertain_frac, double even_frac)
 {
     enum { SHAPES, WEIGHTS, FINGERS, CURVE, LIMITS, ARRAYS };
     Py_ssize_t size[ARRAYS];
@@ -472,7 +471,7 @@ static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_
     p.across = next, p.got = next + room * m, p.logs = p.got + n, p.mean_um = p.logs + n, p.rows = p.mean_um + n;
     memcpy(p.rows, given[SHAPES].buf, (size_t)given[SHAPES].len);
     p.room = room, p.shapes = given[SHAPES].buf, p.weights = given[WEIGHTS].buf, p.limits_um = given[LIMITS].buf;
-    p.uncertain = p.is_point ? 0.0 : uncertain_frac * uncertain_frac;
+    p.uncertain = p.is_point ? 0.0 : uncertain_frac * uncertain_frac, p.even = even_frac;
     p.targets_um = fingers, p.frictions = fingers + n, p.counted = fingers + 2 * n, p.stickiness = fingers + 3 * n;
     p.gains = fingers + 4 * n, p.log_weights = fingers + 5 * n, p.errors = fingers + 6 * n, p.contact_rms_um = fingers + 7 * n;
     p.full_um = curve[0], p.least = curve[1];
@@ -501,11 +500,11 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
     Py_buffer given[5];
     PyObject *modal;
     Py_ssize_t iterations;
-    double most_step_um, uncertain_frac = UNCERTAIN_FRAC;
-    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!nd|d", &given[0], &given[1], &given[2], &given[3], &given[4],
-                          &PyTuple_Type, &modal, &iterations, &most_step_um, &uncertain_frac))
+    double most_step_um, uncertain_frac = UNCERTAIN_FRAC, even_frac = EVEN_FRAC;
+    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!nd|dd", &given[0], &given[1], &given[2], &given[3], &given[4],
+                          &PyTuple_Type, &modal, &iterations, &most_step_um, &uncertain_frac, &even_frac))
         return NULL;
-    PyObject *answer = descend_over(given, modal, iterations, most_step_um, uncertain_frac);
+    PyObject *answer = descend_over(given, modal, iterations, most_step_um, uncertain_frac, even_frac);
     for (int index = 0; index < 5; index++)
         PyBuffer_Release(&given[index]);
     return answer;
@@ -521,6 +520,7 @@ PyMODINIT_FUNC PyInit_felt_descent(void)
 {
     PyObject *module = PyModule_Create(&definition);
     if (module != NULL && (PyModule_AddObject(module, "UNCERTAIN_FRAC", PyFloat_FromDouble(UNCERTAIN_FRAC)) < 0 ||
+                           PyModule_AddObject(module, "EVEN_FRAC", PyFloat_FromDouble(EVEN_FRAC)) < 0 ||
                            PyModule_AddObject(module, "COLD", PyLong_FromLong(COLD)) < 0))
         Py_CLEAR(module);
     return module;

@@ -6,6 +6,7 @@ from ...values import FloatArray
 from ..phasors import Phasors
 
 UNCERTAIN_FRAC: float  # of a mode's amplitude, by map and sensor, if the plate is measured well
+EVEN_FRAC: float  # of a point's way to the mean of its contact, on a pad of 11 ms
 COLD: int  # times as many iterations from silence
 
 def descend(
@@ -18,6 +19,7 @@ def descend(
     iterations: int,
     most_step_um: float,
     uncertain_frac: float = ...,
+    even_frac: float = ...,
     /,
 ) -> tuple[Phasors, bool]:
     """Return W (M,), moved by at most `most_step_um`, and whether a limit keeps a finger from its target; none of the

@@ -17,13 +17,13 @@ counts (`counted_jnd`).
 Each iteration
 
 1.  weighs the fingers: the logarithm of alpha_i moves by RATE towards that of |u_i|, less the mean over the fingers
-    (multiplicative weights: S. Arora, E. Hazan and S. Kale, Theory of Computing 8, 2012). Below one JND less of a
-    sticky finger's error counts: the slippery one's grows more where places are predicted wrong;
+    (multiplicative weights: S. Arora, E. Hazan and S. Kale, Theory of Computing 8, 2012). Below one JND a sticky
+    finger's error counts by its square: the slippery one's grows more where places are predicted wrong;
 2.  replaces sum alpha_i |F_i - F_i*| by a sum of squares, point by point, that has its slope at the present W. A sticky
-    finger's points are pulled to 0, as |r| is (iteratively reweighted least squares); another's to r
-    plus the change that would make F_i right if all points changed alike, and in part to the contact's mean, the less
-    the larger u_i is: an even vibration is felt at wrong places too. Over the frictions TO_ZERO one passes into the
-    other, within what is felt;
+    finger's points are pulled to 0, as |r| is (iteratively reweighted least squares); another's to r plus the change
+    that would make F_i right if all points changed alike, and in part to the contact's mean, the less the larger u_i
+    is: an even vibration is felt at wrong places too (`even_frac`, less on a fast pad). Over the frictions TO_ZERO one
+    passes into the other, within what is felt;
 3.  sweeps over the modes, each moved to its best, or PAST_FRAC past it, and into its limit (over-relaxation:
     D. M. Young, Trans. AMS 76, 1954).
 
@@ -59,7 +59,7 @@ from ..plate.bicubic import POINT
 from ..plate.contact import SOLVED_DISC, ContactEllipse
 from ..plate.mode_shapes import ModeShapes
 from ..plate.splines import evaluate
-from .felt_descent import UNCERTAIN_FRAC, descend
+from .felt_descent import EVEN_FRAC, UNCERTAIN_FRAC, descend
 
 Pair = tuple[float, float]
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
@@ -121,6 +121,7 @@ class InstantSolver:
         self.has_contacts: Final = contact_radius_mm > 0.0
         self.curve = friction_curve
         self.uncertain_frac: Final = uncertain_frac
+        self.even_frac = EVEN_FRAC
         self._modes: Final = modes
         self._w_limit_um: Final = w_limit_um
         self._disc: Final = np.array(SOLVED_DISC) if self.has_contacts else POINT
@@ -168,6 +169,7 @@ class InstantSolver:
             ITERATIONS,
             most_step_um,
             self.uncertain_frac,
+            self.even_frac,
         )
         return ModalSolution(places, self._table[7 * fingers :].tolist(), modal_um, limited)
 

@@ -100,10 +100,10 @@ class ReachSearch:
         shapes, judged = (of_all[: count * len(of_all) // len(self._speed_gains)] for of_all in self._shapes)
         table = finger_table(curve, targets_um, state[1], self._speed_gains[:count], self._priorities[:count])
         given, modal_um = (table, curve.table, limits_um), self._silence(0)[0]
-        unsure = self._solver.uncertain_frac
+        unsure = self._solver.uncertain_frac, self._solver.even_frac
         if any(target_um > 0.0 for target_um in targets_um):
-            modal_um, _ = descend(shapes, self._weights[0], *given, state[0], ITERATIONS, math.inf, unsure)
-        descend(judged, self._weights[1], *given, modal_um, 0, math.inf, unsure)
+            modal_um, _ = descend(shapes, self._weights[0], *given, state[0], ITERATIONS, math.inf, *unsure)
+        descend(judged, self._weights[1], *given, modal_um, 0, math.inf, *unsure)
         return (modal_um, table[5 * count : 6 * count].tolist()), table[6 * count : 7 * count].tolist()
 
 

@@ -54,7 +54,7 @@ def iterated(given: list[Any]) -> tuple[Array, Array]:
         friction = np.where(at < full_um, np.exp((origins[piece] - at) * rates[piece]), least)
         rate, got = rates[piece] / gains[:, None], friction @ c
         size = np.abs(got / target - 1.0) / WEBER_FRAC
-        error = np.log(np.clip(size * (1.0 - 0.7 * sticky * np.maximum(1.0 - size, 0.0)), 0.3, counted))
+        error = np.log(np.clip(size * (1.0 - sticky * np.maximum(1.0 - size, 0.0)), 0.3, counted))
         logs = np.clip(logs - logs.mean() + 0.3 * (error - error.mean()), -4.6, 4.6)
         slope = (np.exp(logs) / (WEBER_FRAC * target))[:, None] * c * friction * rate
         along = (1.0 - sticky)[:, None] * slope * rate
