@@ -76,9 +76,9 @@ class PipelineSettings:
     fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_ellipse`).
     `uncertain_frac` is the relative standard deviation of a mode's amplitude.
     `frame_duration_ns` is how long one frame must last: one and a half report periods, to
-    bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
-    may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
-    reference late.
+    bridge a lost report; a slower pad gets frames of one and a half of its own, one of twice the rate half as long.
+    While an effect plays, a frame may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by
+    how much the plate follows its reference late.
     """
 
     w_limit_um: tuple[float, ...]
@@ -161,11 +161,12 @@ class Pipeline:
         self._effects.set_knot_limits(self._effect_knots, self._frame_duration_ns * 11 // 15)
 
     def _follow_period(self, period_s: float) -> None:
-        """Make frames last one and a half of the pad's periods, in steps of 1.5 ms, where it is slow; on a fast pad,
-        whose next report comes soon, vibrations need be less even."""
+        """Make frames last one and a half of the pad's periods, in steps of 1.5 ms, where it is slow. On a fast pad the
+        next report comes soon: vibrations need be less even, and frames half as long."""
         self._solver.even_frac = EVEN_FRAC * min((period_s or _USUAL_PERIOD_S) / _USUAL_PERIOD_S, 1.0)
-        slow_ns = _DURATION_STEP_NS * int(period_s * 1e3)
-        frame_duration_ns = max(self._settings.frame_duration_ns, min(slow_ns, _LONGEST_DURATION_NS))
+        own_ns, usual_ns = _DURATION_STEP_NS * int(period_s * 1e3), self._settings.frame_duration_ns
+        least_ns = usual_ns // 2 if 0 < own_ns < usual_ns // 2 else usual_ns
+        frame_duration_ns = max(least_ns, min(own_ns, _LONGEST_DURATION_NS))
         if frame_duration_ns != self._frame_duration_ns:
             self._frame_duration_ns = frame_duration_ns
             self._triggers.set_period(frame_duration_ns * 2 // 3)
