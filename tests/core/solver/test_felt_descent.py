@@ -12,7 +12,6 @@ import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.solver import felt_descent
-from hapticd.core.solver.felt_descent import UNCERTAIN_FRAC
 from hapticd.core.solver.instant import finger_table
 from hapticd.values import WEBER_FRAC
 
@@ -37,6 +36,8 @@ def problem(seed: int) -> list[Any]:
         tuple(random.normal(size=modes) + 1j * random.normal(size=modes)),
         int(random.integers(0, 5)),
         math.inf,
+        float(random.choice([0.0, 0.03])),
+        float(random.choice([0.1, 0.5])),
     ]
 
 
@@ -48,7 +49,7 @@ def iterated(given: list[Any]) -> tuple[Array, Array]:
     phi = np.frombuffer(given[0]).reshape(len(target), len(c), len(now))
     for _ in range(given[6]):
         w = phi @ now
-        r = np.sqrt(np.abs(w) ** 2 + UNCERTAIN_FRAC**2 * (phi**2 @ np.abs(now) ** 2))
+        r = np.sqrt(np.abs(w) ** 2 + given[8] ** 2 * (phi**2 @ np.abs(now) ** 2))
         at = r / gains[:, None]
         piece = np.maximum(np.searchsorted(starts, at, side="right") - 1, 0)
         friction = np.where(at < full_um, np.exp((origins[piece] - at) * rates[piece]), least)
@@ -60,14 +61,14 @@ def iterated(given: list[Any]) -> tuple[Array, Array]:
         along = (1.0 - sticky)[:, None] * slope * rate
         kappa = sticky[:, None] * slope / np.sqrt(r * r + 0.2**2) + along
         outwards = np.clip((got - target) / got, -1.5, 1.0)
-        even = (0.5 / (1.0 + size**2))[:, None] * ((r @ c)[:, None] - r)
+        even = (given[9] / (1.0 + size**2))[:, None] * ((r @ c)[:, None] - r)
         aim = np.maximum(r + even + outwards[:, None] / rate, 0.0)
         pulled = along * aim / np.maximum(np.abs(w), 1e-9)
         curvature = np.einsum("nq,nqk,nql->kl", kappa, phi, phi)
         pull = np.einsum("nq,nqk->k", pulled * w, phi)
         stay, before = 0.03 * np.trace(curvature) / len(now), now.copy()
         for k in list(range(len(now))) * 4:
-            own = (1.0 + UNCERTAIN_FRAC**2) * curvature[k, k] + stay
+            own = (1.0 + given[8] ** 2) * curvature[k, k] + stay
             rest = pull[k] + stay * before[k] - curvature[k] @ now + curvature[k, k] * now[k]
             now[k] = 1.1 * rest / own - 0.1 * now[k] if own > 0.0 else 0.0
             now[k] *= min(1.0, limits[k] / max(abs(now[k]), 1e-300))
