@@ -496,7 +496,7 @@ export interface FingerState {
   error_jnd: number | null;
   /** mean of `friction_change` / 0.11 since the finger had a target and the daemon a subscriber */
   bias_jnd: number | null;
-  /** median and 95 % of its size over that time, within 6 %, up to 30 */
+  /** median and 95 % of its size over that time, up to 20 */
   median_jnd: number | null;
   error_95_jnd: number | null;
   /** shares of that time within one and two just noticeable differences */

@@ -30,7 +30,7 @@ LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
 READ_NS = 1_000_000  # before a status: what its sensors read, of the reference before that which it acknowledges
 READING_UM = 0.4  # by which one reading of all modes and the reference differ by their times alone
 OLD_NS = 50_000_000  # a status says nothing of the present
-OCTAVE, ONE_JND, BINS = 6, 24, 54  # of errors over time: bins of an octave, below one JND, and all
+BIN_JND, BINS = 0.05, 400  # of errors over time: larger ones count as the last
 
 log = logging.getLogger("hapticd")
 
@@ -39,27 +39,27 @@ class ErrorTally:
     """A finger's errors, weighed by time, of which the first counts at once."""
 
     def __init__(self, error_jnd: float) -> None:
-        self._sum_jnd_ns = 0.0
-        self._spans_ns = [0] * BINS
+        self._sum_jnd_ns, self._all_ns, self._spans_ns = 0.0, 0, [0] * BINS
+        self._figures, self._figures_ns = dict[str, float](), 0
         self.add(error_jnd, 1)
 
     def add(self, error_jnd: float, span_ns: int) -> None:
         self._sum_jnd_ns += error_jnd * span_ns
-        place = ONE_JND + OCTAVE * math.log2(max(abs(error_jnd), 1e-9))
-        self._spans_ns[int(min(max(place, 0.0), BINS - 1.0))] += span_ns
+        self._all_ns += span_ns
+        self._spans_ns[int(min(abs(error_jnd) / BIN_JND, BINS - 1.0))] += span_ns
 
     def figures(self) -> dict[str, float]:
-        """Return the fields of `Perceived` that are over time."""
-        ends_ns = [*accumulate(self._spans_ns)]
-        all_ns = ends_ns[-1]
-        median, most = [bisect_left(ends_ns, share * all_ns) + 0.5 - ONE_JND for share in (0.5, 0.95)]
-        return {
-            "bias_jnd": self._sum_jnd_ns / all_ns,
-            "median_jnd": 2.0 ** (median / OCTAVE),
-            "error_95_jnd": 2.0 ** (most / OCTAVE),
-            "felt_frac": ends_ns[ONE_JND - 1] / all_ns,
-            "within_two_frac": ends_ns[ONE_JND + OCTAVE - 1] / all_ns,
-        }
+        """Return the fields of `Perceived` that are over time: anew where that is a hundredth longer than last."""
+        if self._all_ns > 1.01 * self._figures_ns:
+            self._figures_ns, ends_ns = self._all_ns, [*accumulate(self._spans_ns)]
+            self._figures = {
+                "bias_jnd": self._sum_jnd_ns / self._all_ns,
+                "median_jnd": BIN_JND * (bisect_left(ends_ns, 0.5 * self._all_ns) + 0.5),
+                "error_95_jnd": BIN_JND * (bisect_left(ends_ns, 0.95 * self._all_ns) + 0.5),
+                "felt_frac": ends_ns[round(1.0 / BIN_JND) - 1] / self._all_ns,
+                "within_two_frac": ends_ns[round(2.0 / BIN_JND) - 1] / self._all_ns,
+            }
+        return self._figures
 
 
 class Perception:
@@ -104,10 +104,9 @@ class Perception:
     def _judged(self, tick: Tick) -> tuple[Tick, dict[FingerKey, Perceived]]:
         for key, change in self._changes.items():
             self._tallies[key].add(change / WEBER_FRAC, tick.t_now_ns - self._t_last_ns)
-        self._t_last_ns = tick.t_now_ns
+        self._t_last_ns, t_ns = tick.t_now_ns, tick.t_now_ns - tick.age_ns
         solved = {point.key: point for point in tick.points}
         keys = list(dict.fromkeys([*[finger.finger_id for finger in self._pipeline.fingers], *solved]))
-        t_ns = tick.t_now_ns - tick.age_ns
         past = self._pipeline.past(keys, t_ns)
         modal_um = past.modal_um
         missing_um = self._missing_um(tick.t_now_ns)
@@ -116,13 +115,12 @@ class Perception:
         ellipses = past.ellipses or [None] * len(keys)
         achieved = self._achieved(tick, dict(zip(keys, ellipses, strict=True)))
         reported: dict[FingerKey, Finger] = {finger.finger_id: finger for finger in self._pipeline.fingers}
-        perceived, self._changes, tallies, modes = {}, {}, self._tallies, self._pipeline.modes
-        self._tallies = {}
+        perceived, self._changes, tallies, self._tallies = {}, {}, self._tallies, {}
         for key, place, speed_gain, place_mm2, ellipse in zip(
             keys, past.places, past.speed_gains, self._places_mm2(keys, t_ns), ellipses, strict=True
         ):
             x_mm, y_mm, target_um = place
-            felt = self._contacts.felt(modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipse)
+            felt = self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipse)
             perceived[key] = self._felt_only(felt, ellipse, reported.get(key))
             if key in solved:
                 change = felt.friction / self._contacts.asked(target_um, speed_gain) - 1.0

@@ -94,7 +94,7 @@ def test_errors_over_time_begin_again_with_each_touch() -> None:
     found.append(perception.judge(given.tick(60))[1][1])
     assert [one.felt_frac for one in found] == pytest.approx([0.0, 0.0, 0.75, 1.0], abs=1e-6)
     assert found[2].bias_jnd == pytest.approx(-0.25 * 0.4 / 0.11, abs=0.01)
-    assert (found[2].median_jnd, found[2].error_95_jnd) == pytest.approx((0.0, 0.4 / 0.11), rel=0.06, abs=0.07)
+    assert (found[2].median_jnd, found[2].error_95_jnd) == pytest.approx((0.0, 0.4 / 0.11), abs=0.05)
     assert [one.within_two_frac for one in found] == [one.felt_frac for one in found]
 
 

@@ -33,7 +33,7 @@ class Perceived(Struct, frozen=True, kw_only=True):
     bias_jnd: float | None = None
     """mean of `friction_change` / 0.11 since the finger had a target and the daemon a subscriber"""
     median_jnd: float | None = None
-    """median and 95 % of its size over that time, within 6 %, up to 30"""
+    """median and 95 % of its size over that time, up to 20"""
     error_95_jnd: float | None = None
     felt_frac: float | None = None
     """shares of that time within one and two just noticeable differences"""
