@@ -47,7 +47,7 @@ from .trajectory.gate import UNTOUCHED, gate, silence
 from .triggers import Triggers
 
 _DURATION_STEP_NS: Final = 1_500_000  # of a slow pad's frames: they do not change with each estimate of its period
-_USUAL_PERIOD_S: Final = 0.011
+_USUAL_PERIOD_S: Final = 0.011  # of the Magic Trackpad, which EVEN_FRAC is for
 _LONGEST_DURATION_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
 
 BUDGET_NS: Final = 3_500_000.0
