@@ -50,6 +50,8 @@ _DURATION_STEP_NS: Final = 1_500_000  # of a slow pad's frames: they do not chan
 _USUAL_PERIOD_S: Final = 0.011  # of the Magic Trackpad, which EVEN_FRAC is for
 _LONGEST_DURATION_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
 
+POINT_TOLERANCE_UM: Final = 0.02  # of knots
+CONTACT_TOLERANCE_UM: Final = 0.04  # half of it is felt alike, and takes 1.4 times as long
 BUDGET_NS: Final = 3_500_000.0
 OVERRUN_NS: Final = 8_000_000
 LONG_NS: Final = 5_000_000  # of a pass: then the share is halved
@@ -87,7 +89,7 @@ class PipelineSettings:
     ellipse_scale: float = 0.0
     ellipse_offset_mm: float = 0.0
     uncertain_frac: float = UNCERTAIN_FRAC
-    tolerance_um: float = 0.02
+    tolerance_um: float = POINT_TOLERANCE_UM
     max_knots: int = 16
     effect_knots: int = 24
     sensor_latency_ns: int = 10_000_000

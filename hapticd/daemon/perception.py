@@ -49,7 +49,7 @@ class ErrorTally:
         self._spans_ns[int(min(abs(error_jnd) / BIN_JND, BINS - 1.0))] += span_ns
 
     def figures(self) -> dict[str, float]:
-        """Return the fields of `Perceived` that are over time: anew where that is a hundredth longer than last."""
+        """Return the fields of `Perceived` that are over time; they follow once it has grown by a hundredth."""
         if self._all_ns > 1.01 * self._figures_ns:
             self._figures_ns, ends_ns = self._all_ns, [*accumulate(self._spans_ns)]
             self._figures = {
@@ -116,10 +116,9 @@ class Perception:
         achieved = self._achieved(tick, dict(zip(keys, ellipses, strict=True)))
         reported: dict[FingerKey, Finger] = {finger.finger_id: finger for finger in self._pipeline.fingers}
         perceived, self._changes, tallies, self._tallies = {}, {}, self._tallies, {}
-        for key, place, speed_gain, place_mm2, ellipse in zip(
+        for key, (x_mm, y_mm, target_um), speed_gain, place_mm2, ellipse in zip(
             keys, past.places, past.speed_gains, self._places_mm2(keys, t_ns), ellipses, strict=True
         ):
-            x_mm, y_mm, target_um = place
             felt = self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipse)
             perceived[key] = self._felt_only(felt, ellipse, reported.get(key))
             if key in solved:

@@ -8,7 +8,7 @@ from functools import partial
 from ..board_protocol import KNOTS_MAX, REFERENCE
 from ..config.sections import LEAST_CONTACT_MODES, Config
 from ..core.friction import FrictionCurve
-from ..core.pipeline import PipelineSettings
+from ..core.pipeline import CONTACT_TOLERANCE_UM, POINT_TOLERANCE_UM, PipelineSettings
 from ..core.prediction.motion import AdaptivePredictor
 from ..core.prediction.pad_memory import PadMemory
 from ..core.solver.felt_descent import UNCERTAIN_FRAC
@@ -16,7 +16,6 @@ from ..core.uncertainty import Uncertainty
 from ..values import AffineMap
 
 MOST_KNOTS = 16  # in one reference frame without effects
-POINT_TOLERANCE_UM, CONTACT_TOLERANCE_UM = 0.02, 0.04  # of knots; half of the latter is felt alike
 LATENCY_SIGMA_S = 1.7e-3  # of trackpad.latency_ms
 PERSONS_FRAC, MATCHED_FRAC = 0.2, 0.06  # of the amplitude for a friction, by the built-in curve and a measured one
 SILENCE_NS = 40_000_000  # fingers count as lifted after it without a report, of a slow pad after 3.5 periods

@@ -75,9 +75,8 @@ def test_a_person_is_matched_in_the_plates_own_amplitudes_and_by_own_strokes() -
     assert factor(sensors=SensorErrors((0.05,) * 8)) < 0.98 * usual  # the plate moves less than they read
     assert factor(skin=Skin(speed_s_m=1.0)) < 0.99 * usual  # hands are faster than the finger of the factor
     as_assumed = factor(skin=Skin(speed_s_m=1e3 / FRICTION_SPEED_MM_S))
-    assert as_assumed == pytest.approx(
-        1.0 + USUAL_MM_S / FRICTION_SPEED_MM_S, rel=0.03
-    )  # at rest; the observer errs by 0.02
+    at_rest = 1.0 + USUAL_MM_S / FRICTION_SPEED_MM_S
+    assert as_assumed == pytest.approx(at_rest, rel=0.03)  # the observer errs by 0.02
 
 
 def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str, Table]) -> None:

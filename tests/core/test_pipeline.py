@@ -21,6 +21,7 @@ from pipeline_bench import (
 )
 
 from hapticd.core.solver import solve
+from hapticd.core.solver.felt_descent import EVEN_FRAC
 from hapticd.core.solver.instant import DERATING_MM2_UM2, LEAST_SHARE
 from hapticd.sim.paper_scheme import InverseSolver
 from hapticd.values import LinkTiming
@@ -66,6 +67,7 @@ def test_frames_outlast_a_report_that_a_slow_pad_loses_and_are_short_on_a_fast_o
     for place in range(40):
         tick = bench.report((slid_mm[0] + 0.2 * place, slid_mm[1]))
     assert tick.drive.knots[-1].dt_ns == 8.5 * MS
+    assert bench.pipeline._solver.even_frac == pytest.approx(EVEN_FRAC * 4.0 / 11.0, rel=0.02)
 
 
 def test_no_finger_is_one_zero_frame_and_then_nothing(bench: Bench) -> None:
