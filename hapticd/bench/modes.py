@@ -10,7 +10,6 @@ four degrees more along every interval, and what the solution takes.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Sequence
 from functools import partial
 from time import perf_counter
@@ -116,7 +115,7 @@ def _ways(modes: ModeShapes) -> dict[str, _Shapes]:
 
 def _bicubic(modes: ModeShapes, x_mm: float, y_mm: float) -> Sequence[float]:
     """As the solver has it."""
-    return memoryview(evaluate(modes.tables, POINT, array("d", (x_mm, y_mm, 0.0, 0.0, 0.0)), False)).cast("d")
+    return memoryview(evaluate(modes.tables, POINT, [(x_mm, y_mm)], None, 0.0, False)).cast("d")
 
 
 def _all(shapes: _Shapes, points_mm: FloatArray) -> FloatArray:

@@ -2,14 +2,15 @@
 
 Each laboratory is drawn with a seed of its own (`sim.world_tolerances`), and its fingers, noise and map have that seed
 too. A laboratory is one task of a campaign, since its runs share maps. Leak and contrast are those of the fingertip
-plate with its four modes in all kinds of world. What is felt there, and on the wide plate, is judged for amplitudes and
-for frictions, with and without this person's curve: at 0.5 um, or the usual person's friction there, on four modes, at
-1 um on eight.
+plate with its four modes in all kinds of world. What is felt there, and on the wide plate with both pads, is judged for
+amplitudes and for frictions, with and without this person's curve: at 0.5 um, or the usual person's friction there, on
+four modes, at 1 um on eight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import fmean
 
 from ..design.campaign import TaskRunner, one_by_one
 from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM
@@ -18,11 +19,19 @@ from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
 from ..sim.settings import Settings
 from ..sim.world_tolerances import LEVELS
+from ..tools.latency_felt import PadAndLine, settings_of
 from . import loop
 from .loop import ASKED, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, SCENARIO, Job
 from .tables import Table
 
 MILD, LABORATORY, WORST = LEVELS
+PANEL = "wide, panel of 240 Hz"
+PLATES = {
+    FINGERTIP: (Settings(motion=REAL, plate=PlateSettings.of(FINGERTIP)), HALF_UM),
+    WIDE: (Settings(motion=REAL, plate=PlateSettings.of(WIDE)), SLIPPERY_UM),
+    PANEL: (settings_of(PadAndLine(240.0, 5.0, 1.5), PlateSettings.of(WIDE)), SLIPPERY_UM),
+}
+WORSE_FRAC = 0.05  # of what is felt
 FEW = 5  # laboratories to one of every other kind of world
 _Scores = Sequence[dict[str, Score]]
 
@@ -38,8 +47,7 @@ def run(
     few = range(1, worlds + 1, FEW)
     levels = {LABORATORY: range(1, worlds + 1)} | dict.fromkeys((NOTHING_WRONG, MILD, WORST), few)
     jobs: dict[tuple[str, str, int], Job] = {}
-    for glass, felt_um in ((FINGERTIP, HALF_UM), (WIDE, SLIPPERY_UM)):
-        settings = Settings(motion=REAL, plate=PlateSettings.of(glass))
+    for glass, (settings, felt_um) in PLATES.items():
         for level, seeds in levels.items() if glass == FINGERTIP else [(LABORATORY, levels[LABORATORY])]:
             for seed in seeds:
                 asked_um = felt_um if level == LABORATORY else 0.0
@@ -51,7 +59,7 @@ def run(
 
     return (
         _levels({level: of(FINGERTIP, level) for level in levels}),
-        _felt({glass: of(glass, LABORATORY) for glass in (FINGERTIP, WIDE)}),
+        _felt({glass: of(glass, LABORATORY) for glass in PLATES}),
     )
 
 
@@ -72,14 +80,18 @@ def _levels(by_level: dict[str, _Scores]) -> Table:
 
 
 def _felt(laboratories: dict[str, _Scores]) -> Table:
-    rows = {
-        f"{glass}, {asked}: {scheme}": loop.felt_figures([scores[f"{asked}: {scheme}"] for scores in worlds])
-        for glass, worlds in laboratories.items()
-        for asked in ASKED
-        for scheme in (HAPTICD, GUIDED, PERFECT)
-    }
+    rows = {}
+    for glass, worlds in laboratories.items():
+        for asked in ASKED:
+            first = [scores[f"{asked.partition(',')[0]}: {HAPTICD}"] for scores in worlds]
+            for scheme in (HAPTICD, GUIDED, PERFECT):
+                scored = [scores[f"{asked}: {scheme}"] for scores in worlds]
+                lost = [before.felt_frac - score.felt_frac for before, score in zip(first, scored, strict=True)]
+                worse = {"worse_frac": fmean(frac > WORSE_FRAC for frac in lost)}
+                rows[f"{glass}, {asked}: {scheme}"] = loop.felt_figures(scored) | worse
     notes = (
         "medians over the laboratories; felt, within two: both fingers within one or two JND (0.11) of what was asked",
+        "worse: of laboratories, felt is over 5 points less than before touching with the usual curve",
         "amplitudes: judged by what they give this person, even over the contact; frictions: by themselves",
         "curve known: the person's scale, as simulated observers match it on this plate, for all fingers",
     )

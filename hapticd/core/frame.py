@@ -392,7 +392,7 @@ class ActiveReference:
 def _moved(point: TouchPoint, now: AskedPlace) -> TouchPoint:
     """A finger's point at its present place, for a reference that stays in force."""
     x_mm, y_mm, _ = now
-    return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)
+    return TouchPoint(point.key, x_mm, y_mm, point.target_um, point.achieved_um, x_mm, y_mm)
 
 
 def interpolated_um(drive: SafeDrive, t_ns: int) -> Phasors:

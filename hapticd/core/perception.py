@@ -6,18 +6,17 @@ Friction has a cusp wherever the amplitude is 0, which only many points resolve.
 from __future__ import annotations
 
 import math
-from array import array
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from ..values import FloatArray
 from .friction import FrictionCurve
+from .phasors import Phasors
 from .plate.bicubic import POINT
 from .plate.contact import JUDGED_DISC, ContactEllipse, disc_points
 from .plate.mode_shapes import ModeShapes
-from .plate.splines import evaluate, perceive
+from .plate.splines import perceive
 from .uncertainty import CERTAIN, COVERED_SIGMAS, Uncertainty, interval_um
 
 
@@ -54,7 +53,7 @@ class ContactPerception:
         modes: ModeShapes,
         x_mm: float,
         y_mm: float,
-        modal_um: Sequence[complex],
+        modal_um: Phasors,
         speed_gain: float,
         place_mm2: float = 0.0,
         ellipse: ContactEllipse | None = None,
@@ -79,7 +78,7 @@ class ContactPerception:
         modes: ModeShapes,
         x_mm: float,
         y_mm: float,
-        modal_um: Sequence[complex],
+        modal_um: Phasors,
         place_mm2: float,
         ellipse: ContactEllipse | None = None,
     ) -> ExpectedAmplitude:
@@ -96,7 +95,7 @@ class ContactPerception:
         modes: ModeShapes,
         x_mm: float,
         y_mm: float,
-        modal_um: Sequence[complex],
+        modal_um: Phasors,
         speed_gain: float,
         place_mm2: float,
         ellipse: ContactEllipse | None,
@@ -111,14 +110,10 @@ class ContactPerception:
             else:
                 xx_mm = yy_mm = 2.0 * math.sqrt(place_mm2)
             size_mm2 += 4.0 * place_mm2
-        map_frac, sensors_frac = self.uncertainty.map_frac, self.uncertainty.sensors_frac
-        parts_um = array("d", [part_um for w_um in modal_um for part_um in (w_um.real, w_um.imag)])
-        all_um2 = sum([part_um * part_um for part_um in parts_um])
-        disc = disc if size_mm2 > 0.0 else POINT
-        over = evaluate(modes.tables, disc, array("d", (x_mm, y_mm, xx_mm, xy_mm, yy_mm)), False)
-        map_um2, sensors_um2 = map_frac * map_frac * all_um2, sensors_frac * sensors_frac * all_um2
-        means = perceive(over, disc, parts_um, self.curve.table, speed_gain, map_um2, sensors_um2)
-        friction, known_um2, errors_um2, mean_d_um, mean_q_um = means
+        over, contact, unsure = disc if size_mm2 > 0.0 else POINT, (x_mm, y_mm, xx_mm, xy_mm, yy_mm), self.uncertainty
+        friction, known_um2, errors_um2, mean_d_um, mean_q_um = perceive(
+            modes.tables, over, contact, modal_um, self.curve.table, speed_gain, unsure.map_frac, unsure.sensors_frac
+        )
         unsure_um2 = errors_um2
         if place_mm2 > 0.0:  # place^2 |gradient|^2 is that share of what varies over the contact
             varies_um2 = known_um2 - (mean_d_um * mean_d_um + mean_q_um * mean_q_um)

@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import logging
 import math
-from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from itertools import accumulate
-
-import msgspec
+from typing import Any
 
 from hapticd_contract.states import Perceived
 
@@ -40,26 +37,47 @@ class ErrorTally:
 
     def __init__(self, error_jnd: float) -> None:
         self._sum_jnd_ns, self._all_ns, self._spans_ns = 0.0, 0, [0] * BINS
-        self._figures, self._figures_ns = dict[str, float](), 0
+        self._felt_ns = self._within_two_ns = 0
+        self._median, self._most = _Quantile(0.5), _Quantile(0.95)
         self.add(error_jnd, 1)
 
     def add(self, error_jnd: float, span_ns: int) -> None:
+        index = int(min(abs(error_jnd) / BIN_JND, BINS - 1.0))
         self._sum_jnd_ns += error_jnd * span_ns
         self._all_ns += span_ns
-        self._spans_ns[int(min(abs(error_jnd) / BIN_JND, BINS - 1.0))] += span_ns
+        self._spans_ns[index] += span_ns
+        self._felt_ns += span_ns if index < 1.0 / BIN_JND else 0
+        self._within_two_ns += span_ns if index < 2.0 / BIN_JND else 0
+        self._median.follow(self._spans_ns, self._all_ns, index, span_ns)
+        self._most.follow(self._spans_ns, self._all_ns, index, span_ns)
 
     def figures(self) -> dict[str, float]:
-        """Return the fields of `Perceived` that are over time; they follow once it has grown by a hundredth."""
-        if self._all_ns > 1.01 * self._figures_ns:
-            self._figures_ns, ends_ns = self._all_ns, [*accumulate(self._spans_ns)]
-            self._figures = {
-                "bias_jnd": self._sum_jnd_ns / self._all_ns,
-                "median_jnd": BIN_JND * (bisect_left(ends_ns, 0.5 * self._all_ns) + 0.5),
-                "error_95_jnd": BIN_JND * (bisect_left(ends_ns, 0.95 * self._all_ns) + 0.5),
-                "felt_frac": ends_ns[round(1.0 / BIN_JND) - 1] / self._all_ns,
-                "within_two_frac": ends_ns[round(2.0 / BIN_JND) - 1] / self._all_ns,
-            }
-        return self._figures
+        """Return the fields of `Perceived` that are over time."""
+        return {
+            "bias_jnd": self._sum_jnd_ns / self._all_ns,
+            "median_jnd": BIN_JND * (self._median.index + 0.5),
+            "error_95_jnd": BIN_JND * (self._most.index + 0.5),
+            "felt_frac": self._felt_ns / self._all_ns,
+            "within_two_frac": self._within_two_ns / self._all_ns,
+        }
+
+
+class _Quantile:
+    """The bin in which a share of all time ends: it moves by few bins at a time."""
+
+    def __init__(self, share: float) -> None:
+        self.index, self._share, self._below_ns = 0, share, 0
+
+    def follow(self, spans_ns: Sequence[int], all_ns: int, grown: int, by_ns: int) -> None:
+        """Take the times of bins, of which one has grown."""
+        self._below_ns += by_ns if grown < self.index else 0
+        end_ns = self._share * all_ns
+        while self._below_ns >= end_ns:
+            self.index -= 1
+            self._below_ns -= spans_ns[self.index]
+        while self._below_ns + spans_ns[self.index] < end_ns:
+            self._below_ns += spans_ns[self.index]
+            self.index += 1
 
 
 class Perception:
@@ -120,12 +138,13 @@ class Perception:
             keys, past.places, past.speed_gains, self._places_mm2(keys, t_ns), ellipses, strict=True
         ):
             felt = self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipse)
-            perceived[key] = self._felt_only(felt, ellipse, reported.get(key))
+            against_target = dict[str, Any]()
             if key in solved:
                 change = felt.friction / self._contacts.asked(target_um, speed_gain) - 1.0
                 self._changes[key] = change
                 self._tallies[key] = tallies.get(key) or ErrorTally(change / WEBER_FRAC)
-                perceived[key] = self._perceived(perceived[key], felt, solved[key], achieved[key])
+                against_target = self._against_target(felt, solved[key], achieved[key])
+            perceived[key] = self._perceived(felt, ellipse, reported.get(key), against_target)
         points = tuple([point._replace(achieved_um=achieved[point.key].rms_um) for point in tick.points])
         return tick._replace(points=points), perceived
 
@@ -167,8 +186,10 @@ class Perception:
         share = square_um2 / (square_um2 + READING_UM * READING_UM)  # the best estimate where both are noise
         return tuple([share * less_um for less_um in missing_um])
 
-    def _felt_only(self, felt: Felt, ellipse: ContactEllipse | None, finger: Finger | None) -> Perceived:
-        """Return what is perceived at a finger without a target, and how the pad reports it; None is not on the pad."""
+    def _perceived(
+        self, felt: Felt, ellipse: ContactEllipse | None, finger: Finger | None, against_target: dict[str, Any]
+    ) -> Perceived:
+        """Return what is perceived at a finger, and how the pad reports it; None is not on the pad."""
         curve = self._contacts.curve
         major_mm, minor_mm, angle_rad = (None, None, None) if ellipse is None else axes(ellipse)
         area_mm2 = 0.0 if finger is None else 0.25 * math.pi * finger.major_mm * finger.minor_mm
@@ -184,24 +205,23 @@ class Perception:
             contact_angle_rad=angle_rad,
             pressure_frac=None if finger is None else finger.pressure_frac,
             area_mm2=area_mm2 if area_mm2 > 0.0 else None,
+            **against_target,
         )
 
-    def _perceived(self, felt_only: Perceived, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude) -> Perceived:
+    def _against_target(self, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude) -> dict[str, Any]:
+        """Return the fields of `Perceived` that only a finger with a target has."""
         curve, change = self._contacts.curve, self._changes[point.key]
-        asked, errors_jnd = felt.friction / (1.0 + change), dict[str, float]()
+        fields = self._tallies[point.key].figures() | {"friction_change": change}
         if self._has_contacts:
-            gets_um, off_jnd = felt.amplitude.rms_um, change / WEBER_FRAC
+            gets_um, off_jnd, asked = felt.amplitude.rms_um, change / WEBER_FRAC, felt.friction / (1.0 + change)
             low_jnd, high_jnd = [(friction / asked - 1.0) / WEBER_FRAC for friction in (felt.low, felt.high)]
-            errors_jnd = {"error_jnd": off_jnd, "error_jnd_low": low_jnd, "error_jnd_high": high_jnd}
+            fields |= {"error_jnd": off_jnd, "error_jnd_low": low_jnd, "error_jnd_high": high_jnd}
         else:
             gets_um = achieved.rms_um
             off_jnd = (curve.friction(gets_um) / curve.friction(point.target_um) - 1.0) / WEBER_FRAC
-        return msgspec.structs.replace(
-            felt_only,
-            friction_change=change,
-            achieved_um_low=achieved.low_um,
-            achieved_um_high=achieved.high_um,
-            misses_target=gets_um < LEAST_SHARE * point.target_um or abs(off_jnd) > 1.0,
-            **errors_jnd,
-            **self._tallies[point.key].figures(),
-        )
+        misses = gets_um < LEAST_SHARE * point.target_um or abs(off_jnd) > 1.0
+        return fields | {
+            "achieved_um_low": achieved.low_um,
+            "achieved_um_high": achieved.high_um,
+            "misses_target": misses,
+        }

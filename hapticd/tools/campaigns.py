@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import HapticdError, UsageError, missing_library
 from ..regular_file import is_special
 from .arguments import whole
-from .progress import Progress
+from .progress import progress_bar
 
 OPTIONS = ("jobs", "cluster", "keep")
 LOSSES = 3  # of workers, without a result between them, that end a campaign
@@ -79,7 +79,7 @@ def run(
             missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in found}
             if found:
                 print(f"{what}: {len(found)} of {len({*keys})} were played before.", file=sys.stderr)
-            with Progress(what) as progress, closing(_played(play, dict(missing), jobs, cluster)) as played:
+            with progress_bar(what) as progress, closing(_played(play, dict(missing), jobs, cluster)) as played:
                 for done, (key, result) in enumerate(played, 1):
                     found[key] = result
                     database.execute("INSERT OR REPLACE INTO results VALUES (?, ?)", (key, result))

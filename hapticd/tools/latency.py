@@ -31,7 +31,7 @@ from ..errors import HapticdError
 from ..values import FloatArray, LedgerLine
 from . import outputs, plotting
 from .arguments import POSITIVE
-from .progress import Progress
+from .progress import progress_bar
 from .run import add_config_arguments, configuration, log_to_stderr
 from .service import ConfigLoader
 
@@ -123,7 +123,7 @@ async def _watch(daemon: Daemon, seconds: float) -> MeasuredLatency:
     ledger = machine.session.ledger
     t_end_ns = now_ns() + round(seconds * 1e9)
     t_from_ns, computed_ns = now_ns(), time.process_time_ns()
-    with Progress("measuring") as progress:
+    with progress_bar("measuring") as progress:
         while now_ns() < t_end_ns:
             progress(1.0 - (t_end_ns - now_ns()) * 1e-9 / seconds)
             if not lines:

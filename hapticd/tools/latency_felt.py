@@ -33,17 +33,22 @@ class PadAndLine(NamedTuple):
     link_ms: float
 
 
-def felt_frac(one: PadAndLine) -> float:
-    """Return the share of time in which both fingers feel what was asked, the mean over SEEDS."""
+def settings_of(one: PadAndLine, plate: PlateSettings) -> Settings:
+    """Return a world with this pad, line and plate, and a daemon that knows them."""
     config = Config(trackpad=TrackpadConfig(latency_ms=one.age_ms), device=DeviceConfig(baud=LINKS[one.link_ms]))
-    settings = Settings(
+    return Settings(
         motion=REAL,
         report_period_ms=1e3 / one.report_hz,
         sensor_latency_ms=one.age_ms,
         link_ms=one.link_ms,
-        plate=replace(PlateSettings.of(WIDE), sensor_crosstalk=0.0),  # calibrated
+        plate=plate,
         config=config,
     )
+
+
+def felt_frac(one: PadAndLine) -> float:
+    """Return the share of time in which both fingers feel what was asked, the mean over SEEDS."""
+    settings = settings_of(one, replace(PlateSettings.of(WIDE), sensor_crosstalk=0.0))  # calibrated
     played = [lockstep.run("strokes", settings=settings, seed=seed, seconds=SECONDS) for seed in SEEDS]
     return float(np.mean([run.score.felt_frac for run in played]))
 

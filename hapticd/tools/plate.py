@@ -27,7 +27,7 @@ from . import campaigns, outputs, plate_files, plate_places, plate_tables, plate
 from .arguments import add_command, number, whole
 from .map import program as map_program
 from .plate_verdict import FeltMotion
-from .progress import Progress
+from .progress import progress_bar
 
 TARGETS = "1um,0um"
 SIZES, THICKNESSES, MODES = "200..220", "2..3", "8"  # searched without options: a minute
@@ -119,7 +119,7 @@ def run(options: argparse.Namespace) -> None:
     designs = [one.design for one in studies] + designs[len(studies) :]
     best = designs[0]
     try:
-        with Progress("fingers in motion on the best plate") as progress:
+        with progress_bar("fingers in motion on the best plate") as progress:
             motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, felt, progress)
     except ValueError as error:
         motion = str(error).rstrip(".")

@@ -18,7 +18,7 @@ from ..sim.fingers.scenarios import MOTIONS, REAL, SCENARIOS, SMOOTH, SPEED_MM_S
 from ..sim.plate.glasses import find_glass
 from . import glass, outputs
 from .arguments import number, suggestion, whole
-from .progress import Progress
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from ..sim.world_errors import WorldErrors
@@ -85,7 +85,7 @@ def _simulate(options: argparse.Namespace) -> None:
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     settings = Settings(motion=_motion(options), speed_mm_s=speed_mm_s, plate=plate)
     t_start_s = time.perf_counter()
-    with Progress(scenario.name) as progress:
+    with progress_bar(scenario.name) as progress:
         play: dict[str, Any] = {"settings": settings, "seed": options.seed, "seconds": options.seconds}
         if options.record is options.plot is None:
             result = lockstep.run(scenario, **play, progress=progress)
@@ -98,7 +98,9 @@ def _simulate(options: argparse.Namespace) -> None:
                     _draw(part, options.plot, f"{scenario.name}, seed {options.seed}")
     took_s = time.perf_counter() - t_start_s
     with contextlib.ExitStack() as shown:
-        compared = None if options.alone else report.compare(result, lambda part: shown.enter_context(Progress(part)))
+        compared = (
+            None if options.alone else report.compare(result, lambda part: shown.enter_context(progress_bar(part)))
+        )
     figures = report.figures(result, compared) | {"world": asdict(plate.world)}
     print(report.table(figures), file=sys.stderr)
     print(f"{result.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from hapticd.bench import worlds
-from hapticd.bench.loop import GUIDED, HAPTICD, PAPER, PERFECT, Job, felt_figures, measured, play
+from hapticd.bench.loop import ASKED, GUIDED, HAPTICD, PAPER, PERFECT, Job, felt_figures, measured, play
 from hapticd.bench.tables import Table
 from hapticd.design.person import FRICTION_SPEED_MM_S
 from hapticd.sim import lockstep
@@ -63,6 +64,14 @@ def test_frictions_but_not_amplitudes_are_too_slippery_where_the_person_is_not_k
     assert frictions < min(known, amplitudes) - 1.0
 
 
+def test_a_laboratory_is_worse_where_over_5_points_less_are_felt() -> None:
+    score = lockstep.run("strokes", settings=Settings(plate=PlateSettings.of(WIDE)), seconds=1.0).score
+    after = [replace(score, felt_frac=felt_frac) for felt_frac in (0.5, 0.46, 0.44, 0.3)]
+    scores = {f"{asked}: {scheme}": after[0] for asked in ASKED for scheme in (HAPTICD, GUIDED, PERFECT)}
+    found = worlds._felt({WIDE: [scores | {f"frictions: {GUIDED}": one} for one in after]})
+    assert [found.figure(f"wide, frictions: {one}", "worse_frac") for one in (HAPTICD, GUIDED)] == [0.0, 0.5]
+
+
 def test_a_person_is_matched_in_the_plates_own_amplitudes_and_by_own_strokes() -> None:
     settings = Settings(motion=REAL, plate=PlateSettings.of(WIDE))
 
@@ -85,8 +94,6 @@ def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str,
 
 
 def test_stamps_that_jitter_by_3_ms_cost_a_tenth_at_most() -> None:
-    usual_um, jittering_um = (
-        lockstep.run("strokes", settings=settings, seconds=6.0).score.leak_um
-        for settings in (Settings(), Settings(stamp_jitter_ms=3.0))
-    )
+    worlds = Settings(stamp_jitter_ms=1.0), Settings(stamp_jitter_ms=3.0)
+    usual_um, jittering_um = (lockstep.run("strokes", settings=one, seconds=6.0).score.leak_um for one in worlds)
     assert jittering_um < 1.1 * usual_um

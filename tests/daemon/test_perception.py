@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import msgpack
+import numpy as np
 import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
@@ -19,7 +20,7 @@ from hapticd.core.perception import ContactPerception
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.plate.contact import ContactEllipse
 from hapticd.core.uncertainty import CERTAIN, Uncertainty
-from hapticd.daemon.perception import Perception
+from hapticd.daemon.perception import BIN_JND, ErrorTally, Perception
 from hapticd.files.recording.kinds import record_of
 from hapticd.values import Finger, Tick, TouchPoint
 from hapticd_contract.states import Perceived
@@ -96,6 +97,20 @@ def test_errors_over_time_begin_again_with_each_touch() -> None:
     assert found[2].bias_jnd == pytest.approx(-0.25 * 0.4 / 0.11, abs=0.01)
     assert (found[2].median_jnd, found[2].error_95_jnd) == pytest.approx((0.0, 0.4 / 0.11), abs=0.05)
     assert [one.within_two_frac for one in found] == [one.felt_frac for one in found]
+
+
+def test_figures_over_time_are_those_of_all_errors_so_far_sorted() -> None:
+    generator = np.random.default_rng(1)
+    errors_jnd, spans_ns = generator.normal(0.5, 2.0, 300), generator.integers(1, 30, 300)
+    tally, repeated_jnd = ErrorTally(2.5), np.array([2.5])
+    for error_jnd, span_ns in zip(errors_jnd.tolist(), spans_ns.tolist(), strict=True):
+        tally.add(error_jnd, span_ns)
+        repeated_jnd = np.append(repeated_jnd, [error_jnd] * span_ns)
+        sizes_jnd, found = np.abs(repeated_jnd), tally.figures()
+        quantiles_jnd = np.quantile(sizes_jnd, (0.5, 0.95), method="inverted_cdf")
+        assert [found["median_jnd"], found["error_95_jnd"]] == pytest.approx(quantiles_jnd, abs=0.51 * BIN_JND)
+        means = repeated_jnd.mean(), (sizes_jnd < 1.0).mean(), (sizes_jnd < 2.0).mean()
+        assert [found[name] for name in ("bias_jnd", "felt_frac", "within_two_frac")] == pytest.approx(means)
 
 
 @pytest.mark.parametrize(

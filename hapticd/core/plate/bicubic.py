@@ -50,8 +50,7 @@ class BicubicSurfaces:
 
     def _at(self, points: FloatArray, *, has_slopes: bool) -> FloatArray:
         """Values, and slopes, (N, M, 1 or 3)."""
-        contacts = np.column_stack((points, np.zeros((len(points), 3))))
-        found = np.frombuffer(bytearray(evaluate(self.tables, POINT, contacts, has_slopes)))
+        found = np.frombuffer(bytearray(evaluate(self.tables, POINT, points.tolist(), None, 0.0, has_slopes)))
         return found.reshape(len(points), self._surfaces, 3 if has_slopes else 1)
 
 

@@ -9,6 +9,8 @@
 #include <string.h>
 
 enum { COEFFICIENTS = 16 }; /* of one surface in one cell, powers of y fastest */
+enum { MOST_MODES = 16 };   /* whose vibration is felt */
+enum { PATCHES, X, Y, DISC, CURVE }; /* what is given to both functions, but for the curve */
 
 typedef double pair_t __attribute__((vector_size(2 * sizeof(double)), aligned(sizeof(double)))); /* two powers of y */
 
@@ -63,24 +65,58 @@ static Py_ssize_t doubles(const Py_buffer *buffer)
     return buffer->len / (Py_ssize_t)sizeof(double);
 }
 
-static PyObject *evaluated(const Py_buffer *given, Py_ssize_t width)
+/* The surfaces' tables; without any mode where lengths do not fit. */
+static tables_t tables_of(const Py_buffer *given)
 {
-    enum { PATCHES, X, Y, DISC, CONTACTS };
     tables_t t = {given[PATCHES].buf, given[X].buf, given[Y].buf, 0, doubles(&given[X]) - 1, doubles(&given[Y]) - 1};
-    const Py_ssize_t patch = t.columns * t.rows * COEFFICIENTS, points = doubles(&given[DISC]) / 3;
-    if (t.columns < 1 || t.rows < 1 || doubles(&given[PATCHES]) % patch != 0 || doubles(&given[CONTACTS]) % 5 != 0) {
-        PyErr_SetString(PyExc_ValueError, "splines: the arrays' lengths do not fit");
-        return NULL;
-    }
-    t.modes = doubles(&given[PATCHES]) / patch;
-    const Py_ssize_t contacts = doubles(&given[CONTACTS]) / 5, size = t.modes * width;
+    const Py_ssize_t patch = t.columns * t.rows * COEFFICIENTS;
+    if (t.columns > 0 && t.rows > 0 && doubles(&given[PATCHES]) % patch == 0)
+        t.modes = doubles(&given[PATCHES]) / patch;
+    return t;
+}
+
+/* The surfaces at a point of the unit disc, of which a contact, x_mm, y_mm, xx_mm, xy_mm and yy_mm, is made. */
+static void surfaces_in(const tables_t *t, const double *contact, const double *unit, double *next, Py_ssize_t width)
+{
+    surfaces_at(t, contact[0] + (contact[2] * unit[0] + contact[3] * unit[1]),
+                contact[1] + (contact[3] * unit[0] + contact[4] * unit[1]), next, width);
+}
+
+static PyObject *lengths_do_not_fit(void)
+{
+    PyErr_SetString(PyExc_ValueError, "splines: the arrays' lengths do not fit");
+    return NULL;
+}
+
+/* The first numbers of a tuple or a list; returns whether it has them. */
+static int read_numbers(PyObject *from, Py_ssize_t count, double *numbers)
+{
+    if (!(PyTuple_Check(from) || PyList_Check(from)) || PySequence_Fast_GET_SIZE(from) < count)
+        return 0;
+    for (Py_ssize_t index = 0; index < count; index++)
+        numbers[index] = PyFloat_AsDouble(PySequence_Fast_GET_ITEM(from, index));
+    return !PyErr_Occurred();
+}
+
+static PyObject *evaluated(const Py_buffer *given, PyObject *places, PyObject *ellipses, double radius_mm, Py_ssize_t width)
+{
+    const tables_t t = tables_of(given);
+    const Py_ssize_t points = doubles(&given[DISC]) / 3, contacts = PyList_GET_SIZE(places), size = t.modes * width;
+    const int has_ellipses = ellipses != Py_None;
+    int fits = t.modes > 0 && (!has_ellipses || (PyList_Check(ellipses) && PyList_GET_SIZE(ellipses) == contacts));
     PyObject *bytes = PyBytes_FromStringAndSize(NULL, contacts * points * size * (Py_ssize_t)sizeof(double));
     double *next = bytes == NULL ? NULL : (double *)(void *)PyBytes_AS_STRING(bytes); /* aligned for them */
-    for (Py_ssize_t contact = 0; contact < contacts && next != NULL; contact++) {
-        const double *ellipse = (const double *)given[CONTACTS].buf + 5 * contact, *unit = given[DISC].buf;
-        for (Py_ssize_t index = 0; index < points; index++, unit += 3, next += size)
-            surfaces_at(&t, ellipse[0] + (ellipse[2] * unit[0] + ellipse[3] * unit[1]),
-                        ellipse[1] + (ellipse[3] * unit[0] + ellipse[4] * unit[1]), next, width);
+    for (Py_ssize_t contact = 0; fits && contact < contacts && next != NULL; contact++) {
+        double own[] = {0.0, 0.0, radius_mm, 0.0, radius_mm};
+        fits = read_numbers(PyList_GET_ITEM(places, contact), 2, own);
+        if (has_ellipses && PyList_GET_ITEM(ellipses, contact) != Py_None)
+            fits = fits && read_numbers(PyList_GET_ITEM(ellipses, contact), 3, own + 2);
+        for (Py_ssize_t index = 0; fits && index < points; index++, next += size)
+            surfaces_in(&t, own, (const double *)given[DISC].buf + 3 * index, next, width);
+    }
+    if (!fits) {
+        Py_XDECREF(bytes);
+        return PyErr_Occurred() ? NULL : lengths_do_not_fit();
     }
     return bytes;
 }
@@ -88,12 +124,15 @@ static PyObject *evaluated(const Py_buffer *given, Py_ssize_t width)
 static PyObject *evaluate(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    Py_buffer given[5];
+    Py_buffer given[4];
+    PyObject *places, *ellipses;
+    double radius_mm;
     int has_slopes;
-    if (!PyArg_ParseTuple(arguments, "(y*y*y*)y*y*p", &given[0], &given[1], &given[2], &given[3], &given[4], &has_slopes))
+    if (!PyArg_ParseTuple(arguments, "(y*y*y*)y*O!Odp", &given[PATCHES], &given[X], &given[Y], &given[DISC], &PyList_Type,
+                          &places, &ellipses, &radius_mm, &has_slopes))
         return NULL;
-    PyObject *answer = evaluated(given, has_slopes ? 3 : 1);
-    for (int index = 0; index < 5; index++)
+    PyObject *answer = evaluated(given, places, ellipses, radius_mm, has_slopes ? 3 : 1);
+    for (int index = 0; index < 4; index++)
         PyBuffer_Release(&given[index]);
     return answer;
 }
@@ -111,37 +150,58 @@ static double friction(const Py_buffer *curve, double at_um)
     return at_um < ends[0] ? exp((origins_um[piece] - at_um) * origins_um[pieces + piece]) : ends[1];
 }
 
-static PyObject *perceive(PyObject *module, PyObject *arguments)
+typedef struct {
+    double contact[5], modal_um[2 * MOST_MODES], speed_gain, map_frac, sensors_frac;
+} felt_t;
+
+static PyObject *perceived(const Py_buffer *given, const felt_t *at)
 {
-    enum { SHAPES, DISC, MODAL, CURVE };
-    (void)module;
-    Py_buffer given[4];
-    double speed_gain, fixed_um2, each_um2, felt = 0.0, known_um2 = 0.0, errors_um2 = 0.0, mean_d_um = 0.0, mean_q_um = 0.0;
-    if (!PyArg_ParseTuple(arguments, "y*y*y*y*ddd", &given[0], &given[1], &given[2], &given[3], &speed_gain, &fixed_um2, &each_um2))
-        return NULL;
-    const Py_ssize_t points = doubles(&given[DISC]) / 3, modes = doubles(&given[MODAL]) / 2;
-    const int fits = doubles(&given[SHAPES]) == points * modes && doubles(&given[CURVE]) >= 5;
-    const double *row = given[SHAPES].buf, *modal_um = given[MODAL].buf, *unit = given[DISC].buf;
-    for (Py_ssize_t index = 0; fits && index < points; index++, row += modes, unit += 3) {
+    const tables_t t = tables_of(given);
+    double felt = 0.0, known_um2 = 0.0, errors_um2 = 0.0, mean_d_um = 0.0, mean_q_um = 0.0, all_um2 = 0.0, shapes[MOST_MODES];
+    for (Py_ssize_t part = 0; part < 2 * t.modes; part++)
+        all_um2 += at->modal_um[part] * at->modal_um[part];
+    const double fixed_um2 = at->map_frac * at->map_frac * all_um2, each_um2 = at->sensors_frac * at->sensors_frac * all_um2;
+    const double *unit = given[DISC].buf, *end = unit + doubles(&given[DISC]) / 3 * 3;
+    for (; unit < end; unit += 3) {
         double d_um = 0.0, q_um = 0.0, squares = 0.0;
-        for (Py_ssize_t k = 0; k < modes; k++) {
-            d_um += row[k] * modal_um[2 * k];
-            q_um += row[k] * modal_um[2 * k + 1];
-            squares += row[k] * row[k];
+        surfaces_in(&t, at->contact, unit, shapes, 1);
+        for (Py_ssize_t k = 0; k < t.modes; k++) {
+            d_um += shapes[k] * at->modal_um[2 * k];
+            q_um += shapes[k] * at->modal_um[2 * k + 1];
+            squares += shapes[k] * shapes[k];
         }
         const double size_um2 = d_um * d_um + q_um * q_um, error_um2 = fixed_um2 + squares * each_um2;
-        felt += unit[2] * friction(&given[CURVE], sqrt(size_um2 + MEAN_FRAC * error_um2) / speed_gain);
+        felt += unit[2] * friction(&given[CURVE], sqrt(size_um2 + MEAN_FRAC * error_um2) / at->speed_gain);
         known_um2 += unit[2] * size_um2;
         errors_um2 += unit[2] * error_um2;
         mean_d_um += unit[2] * d_um;
         mean_q_um += unit[2] * q_um;
     }
-    for (int index = 0; index < 4; index++)
+    return Py_BuildValue("ddddd", felt, known_um2, errors_um2, mean_d_um, mean_q_um);
+}
+
+static PyObject *perceive(PyObject *module, PyObject *arguments)
+{
+    (void)module;
+    Py_buffer given[5];
+    PyObject *modal, *answer = NULL;
+    felt_t at;
+    double *c = at.contact;
+    if (!PyArg_ParseTuple(arguments, "(y*y*y*)y*(ddddd)O!y*ddd", &given[PATCHES], &given[X], &given[Y], &given[DISC], &c[0], &c[1],
+                          &c[2], &c[3], &c[4], &PyTuple_Type, &modal, &given[CURVE], &at.speed_gain, &at.map_frac,
+                          &at.sensors_frac))
+        return NULL;
+    const Py_ssize_t modes = PyTuple_GET_SIZE(modal);
+    const int fits = modes <= MOST_MODES && modes > 0 && tables_of(given).modes == modes && doubles(&given[CURVE]) >= 5;
+    for (Py_ssize_t k = 0; fits && k < modes; k++) {
+        const Py_complex w_um = PyComplex_AsCComplex(PyTuple_GET_ITEM(modal, k));
+        at.modal_um[2 * k] = w_um.real, at.modal_um[2 * k + 1] = w_um.imag;
+    }
+    if (!PyErr_Occurred())
+        answer = fits ? perceived(given, &at) : lengths_do_not_fit();
+    for (int index = 0; index < 5; index++)
         PyBuffer_Release(&given[index]);
-    if (fits)
-        return Py_BuildValue("ddddd", felt, known_um2, errors_um2, mean_d_um, mean_q_um);
-    PyErr_SetString(PyExc_ValueError, "splines: the arrays' lengths do not fit");
-    return NULL;
+    return answer;
 }
 
 static PyMethodDef methods[] = {

@@ -182,14 +182,7 @@ class InstantSolver:
         has_slopes: bool = False,
     ) -> bytes:
         """Return the shapes (N, Q, M), or with slopes, at each contact's points: a unit disc has these (Q, 3)."""
-        contacts: list[float] = []
-        for finger in range(len(places)):
-            x_mm, y_mm, _ = places[finger]
-            ellipse = None if ellipses is None else ellipses[finger]
-            if ellipse is None:
-                ellipse = (self.contact_radius_mm, 0.0, self.contact_radius_mm)
-            contacts += [x_mm, y_mm, *ellipse]
-        return evaluate(self._modes.tables, disc, array("d", contacts), has_slopes)
+        return evaluate(self._modes.tables, disc, places, ellipses, self.contact_radius_mm, has_slopes)
 
     def _solve_two(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution | None:
         """The paper's case; None for any other."""

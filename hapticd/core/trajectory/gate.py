@@ -1,9 +1,9 @@
 """The last gate on the host: a `Drive` becomes a `SafeDrive`, or silence. Nothing else makes a `SafeDrive`.
 
-Held for every knot k of what leaves: hypot(W_d, W_q) <= limit, in float64, for every mode. The board's float32 keeps
-it, because the encoder rounds towards zero. A knot above a limit is scaled as a whole, all modes by one real factor:
-the spatial pattern survives, and with it the zero under a still finger. Between knots the board interpolates, and a
-chord of a disc stays in the disc. The firmware holds the same limits again, on its own.
+Held for every knot of what leaves: |W_k| <= limit, in float64, for every mode k. The board's float32 keeps it, because
+the encoder rounds towards zero. A knot above a limit is scaled as a whole, all modes by one real factor: the spatial
+pattern survives, and with it the zero under a still finger. Between knots the board interpolates, and a chord of a disc
+stays in the disc. The firmware holds the same limits again, on its own.
 
 Comparisons are written so that NaN fails them.
 """
@@ -71,14 +71,17 @@ def _whole_ns(timed: Sequence[object]) -> int | None:
     return t_ns if isinstance(t_ns, int) else None
 
 
-def _is_within(modal_um: Sequence[complex], limit_um: Sequence[float]) -> bool:
-    within = True
-    for mode, limit in enumerate(limit_um):
-        within = within and math.hypot(modal_um[mode].real, modal_um[mode].imag) <= limit
-    return within
+def _is_within(modal_um: tuple[complex, ...], limit_um: tuple[float, ...]) -> bool:
+    try:
+        for mode in range(len(limit_um)):
+            if not abs(modal_um[mode]) <= limit_um[mode]:
+                return False
+    except OverflowError:  # an absolute value beyond the range of floats
+        return False
+    return True
 
 
-def _scaled(modal_um: Sequence[complex], limit_um: Sequence[float]) -> tuple[complex, ...]:
+def _scaled(modal_um: tuple[complex, ...], limit_um: tuple[float, ...]) -> tuple[complex, ...]:
     """All modes by the largest common factor that brings each within its limit, to the last bit.
 
     Two steps: dividing by the largest component first keeps the magnitudes in the range of floats.

@@ -32,7 +32,7 @@ from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...values import ComplexArray, FloatArray
 from .. import glass, plotting
-from ..progress import Progress
+from ..progress import progress_bar
 from . import simulated
 from .resonance import SWEEP_FILE
 from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, judge
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> Verdict:
     elif swept is None and sweep.exists():
         swept = read_swept(sweep, scan.readings.shape[1])
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
-    with Progress("fitting the scan twice") as progress:
+    with progress_bar("fitting the scan twice") as progress:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
     draw(scan, found, options.out / "modes.png", source=simulated.source(options))
     choice, maps = (None, found.fit.modes) if swept is None else chosen(found.fit, swept, size_mm)

@@ -29,7 +29,7 @@ from .. import glass
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.sweep import ModeSweep
-from ..progress import Progress
+from ..progress import progress_bar
 from .bench import Bench, add_board, at_bench
 from .step import PICTURE, Figure, Finding, FoundSettings, Outcome, Step, Verdict, add_config, judge
 from .trial import NO_REMARK, Tried, try_out
@@ -144,7 +144,7 @@ async def _swept(board: Conversation, plans: Sequence[Sweep]) -> AmplifierSweep:
     """Sweep one amplifier piece by piece: the board may end one, which is repeated alone."""
     parts = [piece for plan in plans for piece in pieces(plan)]
     points = []
-    with Progress(f"sweeping amplifier {plans[0].mode}") as progress:
+    with progress_bar(f"sweeping amplifier {plans[0].mode}") as progress:
         for done, piece in enumerate(parts, 1):
             points += await sweep.measured_again(board, piece, TRIES)
             progress(done / len(parts))

@@ -11,7 +11,7 @@ from ...sim.fingers.scenarios import REAL
 from ...sim.plate.glasses import FINGERTIP, WIDE
 from ...sim.plate.ground_truth import PlateSettings
 from ...sim.settings import Settings, paper_settings
-from ..progress import Progress
+from ..progress import progress_bar
 from .film import Film
 
 PAPER, HAPTICD = "the paper", "hapticd"
@@ -41,6 +41,6 @@ def virtual_film(column: DemoColumn, scenario: str, seed: int, start_s: float, e
     settings = Settings(plate=column.plate, motion=MOTION)
     if column.scheme == PAPER:
         settings = paper_settings(settings)
-    with Progress(f"comparing with {column.title}") as progress:
+    with progress_bar(f"comparing with {column.title}") as progress:
         run = lockstep.run(scenario, settings=settings, seed=seed, seconds=end_s, progress=progress)
     return Film.between(column.title, column.plate, partial(getattr, run), start_s, end_s)

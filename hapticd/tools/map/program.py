@@ -14,7 +14,7 @@ from ...regular_file import opened
 from ...values import FloatArray
 from .. import outputs
 from ..arguments import numbers, whole
-from ..progress import Progress
+from ..progress import progress_bar
 from .plate import MappedPlate, mapped_plate
 
 MOST_FINGERS = 15
@@ -84,7 +84,7 @@ def _map_given(options: argparse.Namespace, mapped: MappedPlate) -> dict[str, Fl
     both_ways = [asked, asked[::-1]] if len(asked) == 2 and asked[0] != asked[1] else [asked]
     panels, arrays = [], {"fingers_mm": np.array(given)}
     for number, each in enumerate(both_ways, 1):
-        with Progress(f"friction {each[-1]:g} of the other finger") as progress:
+        with progress_bar(f"friction {each[-1]:g} of the other finger") as progress:
             result = felt_map(
                 *(mapped.modes, given, each, mapped.limit_um, mapped.curve),
                 radius_mm=mapped.radius_mm,

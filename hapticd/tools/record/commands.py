@@ -12,7 +12,7 @@ from typing import TextIO
 from ...errors import UsageError
 from .. import outputs
 from ..arguments import POSITIVE, add_endpoint
-from ..progress import Progress
+from ..progress import progress_bar
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +71,7 @@ def _replay(options: argparse.Namespace) -> int:
 
     logging.getLogger("hapticd").addHandler(logging.NullHandler())  # the recorded daemon logged them
     recording = open_recording(options.files)
-    with Progress("replaying") as recording.progress:
+    with progress_bar("replaying") as recording.progress:
         outcome = replay(recording)
     print(report(recording, outcome))
     return 0 if outcome.is_identical else 1
@@ -103,7 +103,7 @@ def _export(options: argparse.Namespace) -> None:
     if options.parquet is not None:
         export.require("pyarrow")
     recording = open_recording(options.files)
-    with Progress("reading") as recording.progress:
+    with progress_bar("reading") as recording.progress:
         found, texts = tables(recording), texts_of(recording.header)
     csv = options.csv, export.csv_files, export.to_csv
     parquet = options.parquet, export.parquet_files, export.to_parquet

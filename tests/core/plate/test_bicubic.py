@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
 from hapticd.core.plate.bicubic import POINT, BicubicSurfaces, fill_gaps
-from hapticd.core.plate.splines import evaluate
+from hapticd.core.plate.splines import evaluate, perceive
 
 
 def uneven_knots(random: np.random.Generator, count: int) -> np.ndarray:
@@ -49,19 +51,24 @@ def test_slopes_equal_finite_differences_and_contacts_are_points_round_centres()
         np.testing.assert_allclose(surfaces.gradient(points)[..., axis], slopes, rtol=0.0, atol=1e-5)
 
     disc, (xx, xy, yy) = np.array([(0.3, -0.2, 0.5), (-1.0, 0.4, 0.5)]), (1.5, 0.2, 0.7)
-    contacts = np.column_stack((points, np.tile((xx, xy, yy), (50, 1))))
     around = (points[:, None] + disc[:, :2] @ np.array([(xx, xy), (xy, yy)])).reshape(-1, 2)
-    found = np.frombuffer(evaluate(surfaces.tables, disc, contacts, False)).reshape(-1, 3)
-    np.testing.assert_allclose(found, surfaces.evaluate(around), rtol=0.0, atol=1e-12)
+    ellipses = [(xx, xy, yy)] * 49 + [None]
+    found = np.frombuffer(evaluate(surfaces.tables, disc, points.tolist(), ellipses, 0.0, False)).reshape(-1, 3)
+    np.testing.assert_allclose(found[:-2], surfaces.evaluate(around)[:-2], rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(found[-2:], surfaces.evaluate(points[[-1, -1]]))
 
 
 def test_tables_of_another_form_are_refused() -> None:
-    (patches, x, y), contact = random_surfaces(5)[0].tables, np.array([0.0, 0.0, 5.0, 0.0, 5.0])
-    for tables, given in (((patches, x, x), contact), ((patches, x[:1], y), contact), ((patches, x, y), contact[:4])):
+    (patches, x, y), place = (tables := random_surfaces(5)[0].tables), [(0.0, 0.0)]
+    given: list[tuple[Any, ...]] = [((patches, x, x), place, None), ((patches, x[:1], y), place, None)]
+    given += [(tables, [(0.0,)], None), (tables, place, []), (tables, place, [(5.0,)]), (tables, [7], None)]
+    given += [(None, place, None), (tables, [("x", 0.0)], None)]
+    for wrong, places, ellipses in given:
+        with pytest.raises((ValueError, TypeError), match="lengths|None|real number"):
+            evaluate(wrong, POINT, places, ellipses, 5.0, False)
+    for modal_um, curve in ((0j,) * 4, np.zeros(5)), ((0j,) * 3, np.zeros(4)), ((0j,) * 99, np.zeros(5)):
         with pytest.raises(ValueError, match="lengths"):
-            evaluate(tables, POINT, given, False)
-    with pytest.raises(TypeError):
-        evaluate(None, POINT, contact, False)
+            perceive(tables, POINT, (0.0, 0.0, 5.0, 0.0, 5.0), modal_um, curve, 1.0, 0.0, 0.0)
 
 
 def test_beyond_the_edge_the_surface_is_constant() -> None:
