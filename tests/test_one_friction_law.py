@@ -70,8 +70,10 @@ def test_telemetry_and_score_judge_by_it() -> None:
     modes, (x_mm, y_mm) = TRUTH.true_mode_map(), PLACES_MM[0]
     half, whole = (ContactPerception(curve, 5.0) for curve in (CURVE, DEFAULT_FRICTION_CURVE))
     assert half.asked(0.5, 1.0) == pytest.approx(whole.asked(1.0, 1.0), rel=1e-9)
-    felt_by_half = half.felt(modes, x_mm, y_mm, (modal_um / 2.0).tolist(), 1.0).friction
-    assert felt_by_half == pytest.approx(whole.felt(modes, x_mm, y_mm, modal_um.tolist(), 1.0).friction, rel=1e-9)
+    felt_by_half = half.felt(modes, x_mm, y_mm, tuple((modal_um / 2.0).tolist()), 1.0).friction
+    assert felt_by_half == pytest.approx(
+        whole.felt(modes, x_mm, y_mm, tuple(modal_um.tolist()), 1.0).friction, rel=1e-9
+    )
     plate_um = padded(modal_um)
     fingers_mm = np.array(PLACES_MM)[None]
     _, judged = felt(fingers_mm, plate_um / 2.0, TRUTH.shapes, CURVE)

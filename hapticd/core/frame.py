@@ -1,33 +1,31 @@
-"""One frame of the reference: the fingers that take part, where they will be at each of its knots, into how many spans
-textures and edges divide their ways, the amplitudes at each knot; and the reference in force, which may still hold.
+"""One frame of the reference: the fingers that take part, the instants of its knots, where the fingers will be then,
+and the amplitudes, all solved for by one call of the kernel; and the reference in force, which may still hold.
 
-Between knots the board interpolates linearly. A chord of span h errs by h^2 W''/8 at most, in the middle of a smooth
-piece: so the middle is looked at, and becomes a knot if the chord misses it. A half then errs by a quarter, and is
-taken as it is where that is within the tolerance; next to an inflection, or the corner where a mode meets its limit, it
-may err by a little more. Where the target itself has corners (a square grating's edges, a map's pixels) every half is
-checked in turn, down to the board's control tick.
+Between knots the board interpolates linearly. A chord of span h errs by h^2 W''/8, so that knots are needed where
+fingers move over the plate's waves, MOST_TURN from knot to knot, over textures, and at edges. To look where chords miss
+the solution is no better: with a knot wherever one missed by 0.04 um the same was felt with 1.2 to 1.6 times the
+solves.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from ..values import FingerKey, Knot, SafeDrive, TouchPoint
 from .phasors import Phasors
-from .plate.contact import ContactEllipse
-from .solver.instant import AskedPlace, InstantSolver, ModalSolution
+from .plate.contact import Ellipses
+from .solver.instant import AskedPlace, FingerTargets, InstantSolver, ModalSolution
 from .targets.scene import Scene
 from .targets.surfaces import Crossing
 from .touch.fingers import Fingers
-from .trajectory.gate import GRAIN_NS, SHORTEST_NS, silence
+from .trajectory.gate import SHORTEST_NS, silence
 
-Solve = Callable[[int, Knot], Phasors]  # an instant after the first knot, and the knot before it: the amplitudes there
-
-_Miss = tuple[float, Knot, Knot, Knot]  # by how much a chord misses its middle, in um; left knot, middle, right one
+MOST_TURN: Final = 0.23  # the plate's steepness times a finger's way, from knot to knot: a chord errs by 0.7 % of W
 _STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
 _NO_EDGES: Final[Sequence[int]] = ()
 _KEPT: Final = 6  # of references: the one in force at the newest sample is up to three passes old
@@ -57,30 +55,20 @@ class DrivenFingers(NamedTuple):
 
     keys: list[FingerKey]
     priorities: list[int]
-    ellipses: list[ContactEllipse | None] | None
+    ellipses: Ellipses
 
 
 NO_FINGERS: Final = DrivenFingers([], [], None)
 
 
-class FingerTargets:
-    """The fingers at one instant: where each will be with which target, and the gain of the amplitude that it needs as
-    it slides."""
-
-    def __init__(self, places: list[AskedPlace], speed_gains: list[float]) -> None:
-        self.places: Final = places
-        self.speed_gains: Final = speed_gains
-
-
 class FramePlan(NamedTuple):
-    """A frame before it is solved: for whom, from when on the plate, how long, with how many knots by how many solves,
-    and the corners of effects in it."""
+    """A frame before it is solved: for whom, from when on the plate, how long, with how many knots, and the corners of
+    effects in it."""
 
     fingers: DrivenFingers
     t_ns: int
     span_ns: int
     most_knots: int
-    most_solves: int
     corners_ns: list[int]
 
 
@@ -96,40 +84,42 @@ class KnotPlanner:
 
     def pieces(
         self, keys: Sequence[FingerKey], moved_mm: Sequence[float], t_plate_ns: int, span_ns: int, most: int
-    ) -> tuple[int, bool, Sequence[int]]:
-        """Return into how many spans the textures divide the fingers' way at first, whether they are smooth, and the
-        instants before and after each edge of a surface; `most` knots in all."""
-        pieces, smooth, edges_ns = 1.0, True, _NO_EDGES
+    ) -> tuple[int, Sequence[int]]:
+        """Return into how many spans textures divide the fingers' way, and the instants before and after each edge of a
+        surface; `most` knots in all."""
+        pieces, edges_ns = 1.0, _NO_EDGES
         for finger, way_mm in enumerate(moved_mm):
-            finest_mm, is_smooth = self._scene.detail(keys[finger])
-            if way_mm > pieces * finest_mm:
-                pieces = way_mm / finest_mm
-            smooth = smooth and is_smooth
+            pieces = max(pieces, way_mm / self._scene.finest_mm(keys[finger]))
         if self.surfaces.layers:
-            surface_pieces, are_smooth, edges_ns = self._edges(keys, t_plate_ns, span_ns, most)
-            pieces, smooth = max(pieces, surface_pieces), smooth and are_smooth
+            surface_pieces, edges_ns = self._edges(keys, t_plate_ns, span_ns, most)
+            pieces = max(pieces, surface_pieces)
         room = max(most - 1 - len(edges_ns), 1)
-        return math.ceil(min(pieces, room, span_ns / SHORTEST_NS)), smooth, edges_ns
+        return math.ceil(min(pieces, room, span_ns / SHORTEST_NS)), edges_ns
+
+    def times_ns(self, plan: FramePlan, moved_mm: Sequence[float]) -> list[int]:
+        """Return the instants of a frame's knots, from its beginning on."""
+        if plan.most_knots == 1:
+            return [0]
+        room, span_ns = plan.most_knots - len(plan.corners_ns), plan.span_ns
+        pieces, edges_ns = self.pieces(plan.fingers.keys, moved_mm, plan.t_ns, span_ns, room)
+        over_waves = math.ceil(self.steepness_1_mm * max(moved_mm) / MOST_TURN)
+        pieces = max(pieces, min(over_waves, room - 1 - len(edges_ns)))
+        times_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(pieces)]
+        return sorted({*times_ns, *edges_ns, *plan.corners_ns, span_ns})
 
     def _edges(
         self, keys: Sequence[FingerKey], t_plate_ns: int, span_ns: int, most: int
-    ) -> tuple[float, bool, Sequence[int]]:
+    ) -> tuple[float, Sequence[int]]:
         """Return what the surfaces add to `pieces`; where there are too many edges, the earliest."""
-        pieces, smooth, crossed = 1.0, True, list[Crossing]()
+        pieces, crossed = 1.0, list[Crossing]()
         for key in keys:
             if isinstance(key, int) and self._scene.target_of(key) is None:
                 predicted_mm = partial(self._fingers.predicted_mm, key)
                 way = self.surfaces.along(predicted_mm, t_plate_ns, span_ns)
-                pieces, smooth = max(pieces, way.pieces), smooth and way.is_smooth
+                pieces = max(pieces, way.pieces)
                 crossed += way.crossings
         edges_ns = [edge_ns for edge_ns in self.surfaces.edges_ns(crossed, t_plate_ns, self._tolerance_um) if edge_ns]
-        return pieces, smooth, edges_ns[: max(most - 2, 0) // 2 * 2]
-
-    def bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
-        """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""
-        largest_um = max([abs(w_um) for _, modal_um in ends for w_um in modal_um])
-        change = self.steepness_1_mm * sum(moved_mm)
-        return largest_um * (change * change) / 8.0
+        return pieces, edges_ns[: max(most - 2, 0) // 2 * 2]
 
 
 def moved_mm(before: Sequence[AskedPlace], after: Sequence[AskedPlace]) -> list[float]:
@@ -159,7 +149,6 @@ class FrameSolver:
         fingers: Fingers,
         solver: InstantSolver,
         planner: KnotPlanner,
-        tolerance_um: float,
         counters: PipelineCounters,
     ) -> None:
         self._scene: Final = scene
@@ -168,7 +157,6 @@ class FrameSolver:
         self._fingers: Final = fingers
         self._solver: Final = solver
         self._planner: Final = planner
-        self._tolerance_um: Final = tolerance_um
         self._counters: Final = counters
 
     def at(self, keys: Sequence[FingerKey], t_ns: int) -> FingerTargets:
@@ -202,7 +190,7 @@ class FrameSolver:
             return self._scene.virtual_position_mm(key, t_ns)
         return self._fingers.predicted_mm(key, t_ns)
 
-    def ellipses(self, keys: Sequence[FingerKey]) -> list[ContactEllipse | None] | None:
+    def ellipses(self, keys: Sequence[FingerKey]) -> Ellipses:
         """Return the ellipses of contacts that the plate is driven for; None where all are discs, or points."""
         return self._fingers.ellipses(keys) if self._solver.has_contacts else None
 
@@ -210,92 +198,14 @@ class FrameSolver:
         self, plan: FramePlan, begin: FingerTargets, end: FingerTargets, previous_um: Phasors
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
-        fingers, span_ns, tolerance_um = plan.fingers, plan.span_ns, self._tolerance_um
-        first = self._solve(fingers, begin, previous_um, 0)
-        if plan.most_knots == 1:
-            return first, first, [Knot(0, first.modal_um)]
-        last = self._solve(fingers, end, first.modal_um, span_ns)
-        knots = [Knot(0, first.modal_um), Knot(span_ns, last.modal_um)]
-        ways_mm = moved_mm(first.places, last.places)
-        room = plan.most_knots - len(plan.corners_ns)
-        pieces, smooth, edges_ns = self._planner.pieces(fingers.keys, ways_mm, plan.t_ns, span_ns, room)
-        is_plain = pieces == 1 and smooth and not edges_ns
-        is_plain = is_plain and self._planner.bend_um(knots, ways_mm) <= tolerance_um
-
-        def solve(dt_ns: int, before: Knot) -> Phasors:
-            at = self.at(fingers.keys, plan.t_ns + dt_ns)
-            return self._solve(fingers, at, before.modal_um, dt_ns - before.dt_ns).modal_um
-
-        times_ns: Sequence[int] = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
-        if edges_ns or plan.corners_ns:
-            times_ns = sorted({*times_ns, *edges_ns, *plan.corners_ns})
-        for dt_ns in times_ns:
-            knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
-        if not is_plain:
-            solves = plan.most_solves - len(knots)
-            knots = refine(solve, knots, tolerance_um, plan.most_knots, solves, smooth=smooth)
-        return first, last, knots
-
-    def _solve(self, fingers: DrivenFingers, at: FingerTargets, previous_um: Phasors, since_ns: int) -> ModalSolution:
-        """Evaluate the modes and solve, for one instant `since_ns` after another."""
-        self._counters.solves += 1
-        if not self._solver.has_contacts:
-            return self._solver.solve(at.places, previous_um, since_ns)
-        ranks, ellipses = fingers.priorities, fingers.ellipses
-        return self._solver.solve(at.places, previous_um, since_ns, at.speed_gains, ranks, ellipses)
-
-
-# --- knots ---
-
-
-def refine(
-    solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, solves: int, *, smooth: bool
-) -> list[Knot]:
-    """`start` (two knots or more, in order) and what must lie between, `most` knots in all, and at most so many solves;
-    the worst chords first.
-
-    `solve(dt_ns, knot)` gives the amplitudes at an instant, continuing those of the knot to its left. `smooth`
-    promises that no span of `start` hides a corner or a whole wave.
-    """
-    knots = list(start)
-    spans = [(knots[i], knots[i + 1]) for i in range(len(knots) - 1)]
-    settled_um = 4.0 * tolerance_um if smooth else 0.0
-    while spans and len(knots) < most and solves > 0:
-        spans = spans[:solves]
-        solves -= len(spans)
-        misses = [miss for left, right in spans if (miss := _missed(solve, left, right, tolerance_um)) is not None]
-        room = most - len(knots)
-        if len(misses) > room:
-            misses = sorted(misses, key=_severity)[:room]
-        spans = []
-        for error_um, left, middle, right in misses:
-            knots.append(middle)
-            if error_um > settled_um:
-                spans += ((left, middle), (middle, right))
-    if len(knots) > len(start):
-        knots.sort()
-    return knots
-
-
-def _missed(solve: Solve, left: Knot, right: Knot, tolerance_um: float) -> _Miss | None:
-    left_ns, before_um = left
-    right_ns, after_um = right
-    span_ns = right_ns - left_ns
-    if span_ns < 2 * SHORTEST_NS:
-        return None
-    half_ns = span_ns // (2 * GRAIN_NS) * GRAIN_NS
-    middle_um = solve(left_ns + half_ns, left)
-    share = half_ns / span_ns
-    error_um = 0.0
-    for mode in range(len(before_um)):
-        chord_um = before_um[mode] + share * (after_um[mode] - before_um[mode])
-        error_um = max(error_um, abs(middle_um[mode] - chord_um))
-    return (error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
-
-
-def _severity(miss: _Miss) -> tuple[float, int]:
-    error_um, left, _, _ = miss
-    return -error_um, left.dt_ns
+        keys, priorities, ellipses = plan.fingers
+        times_ns = self._planner.times_ns(plan, moved_mm(begin.places, end.places))
+        instants = [begin, *[self.at(keys, plan.t_ns + dt_ns) for dt_ns in times_ns[1:-1]], end][: len(times_ns)]
+        since_ns = [0, *[after_ns - before_ns for before_ns, after_ns in pairwise(times_ns)]]
+        solutions = self._solver.along(instants, since_ns, previous_um, priorities, ellipses)
+        self._counters.solves += len(solutions)
+        knots = [Knot(times_ns[n], solutions[n].modal_um) for n in range(len(solutions))]
+        return solutions[0], solutions[-1], knots
 
 
 # --- the reference in force ---
@@ -310,7 +220,7 @@ class PlayedReference:
         modal_um: Phasors,
         places: list[AskedPlace],
         speed_gains: list[float],
-        ellipses: list[ContactEllipse | None] | None = None,
+        ellipses: Ellipses = None,
     ) -> None:
         self.modal_um: Final = modal_um
         self.places: Final = places
@@ -369,7 +279,7 @@ class ActiveReference:
         if steepness_um_mm > 0.0 and not self._planner.surfaces.layers:
             return True  # while the plate is silent, fingers may move far: over stripes, to the same target
         ways_mm = moved_mm(begin, end)
-        pieces, _, edges_ns = self._planner.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, most_knots)
+        pieces, edges_ns = self._planner.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, most_knots)
         return pieces == 1 and not edges_ns
 
     def points_at(self, places: list[AskedPlace]) -> tuple[TouchPoint, ...]:

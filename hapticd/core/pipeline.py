@@ -3,8 +3,7 @@
     touch():  track the contacts and give each finger's predictor its sample (`core.touch.fingers`)
     drive():  touch() each frame that came; find the fingers that take part in the solve; for each knot time predict
               their positions, look up their targets there, evaluate the mode matrix and solve for the modal
-              amplitudes; then gate the polyline. The number of knots follows from the tolerance
-              (`core.frame`)
+              amplitudes; then gate the polyline. The knots follow from the fingers' way (`core.frame`)
 
 Pure: all instants are arguments, and the same calls give the same drives bit for bit. What a scene does not need is
 skipped and counted: no finger, no target, or fingers so still that the last reference still holds.
@@ -50,8 +49,7 @@ _DURATION_STEP_NS: Final = 1_500_000  # of a slow pad's frames: they do not chan
 _USUAL_PERIOD_S: Final = 0.011  # of the Magic Trackpad, which EVEN_FRAC is for
 _LONGEST_DURATION_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
 
-POINT_TOLERANCE_UM: Final = 0.02  # of knots
-CONTACT_TOLERANCE_UM: Final = 0.04  # half of it is felt alike, and takes 1.4 times as long
+TOLERANCE_UM: Final = 0.02  # of a reference that stays in force, and of steps at edges
 BUDGET_NS: Final = 3_500_000.0
 OVERRUN_NS: Final = 8_000_000
 LONG_NS: Final = 5_000_000  # of a pass: then the share is halved
@@ -89,7 +87,7 @@ class PipelineSettings:
     ellipse_scale: float = 0.0
     ellipse_offset_mm: float = 0.0
     uncertain_frac: float = UNCERTAIN_FRAC
-    tolerance_um: float = POINT_TOLERANCE_UM
+    tolerance_um: float = TOLERANCE_UM
     max_knots: int = 16
     effect_knots: int = 24
     sensor_latency_ns: int = 10_000_000
@@ -150,9 +148,7 @@ class Pipeline:
         self._triggers = Triggers(scene, self._fingers, settings.frame_duration_ns * 2 // 3)
         self.events = self._triggers.events
         self._planner = KnotPlanner(scene, self._fingers, modes.steepest_1_mm(), settings.tolerance_um)
-        self._frame = FrameSolver(
-            scene, self._fingers, self._solver, self._planner, settings.tolerance_um, self.counters
-        )
+        self._frame = FrameSolver(scene, self._fingers, self._solver, self._planner, self.counters)
         self._active = ActiveReference(modes.M, self._planner, settings.tolerance_um)
         self._holdable_frac: tuple[float, ...] = ()
 
@@ -271,9 +267,8 @@ class Pipeline:
             self.counters.skipped_standing += 1
             return self._tick(t_now_ns, t_plate_ns, None, active.points_at(begin.places), active.limited)
 
-        solved = self.counters.solves
         first, last, knots = self._frame.polyline(plan, begin, end, active.um(t_apply_ns))
-        if self.counters.solves - solved >= most_solves:
+        if len(knots) >= most_solves:
             self.counters.left_out_knots += max(self.max_knots - len(knots), 0)
         drive = gate(Drive(t_apply_ns, tuple(knots)), self._settings.w_limit_um)
 
@@ -348,10 +343,10 @@ class Pipeline:
     def _plan(self, fingers: DrivenFingers, t_plate_ns: int, solves: int) -> FramePlan:
         """Return the frame to be: while an effect is felt it may be shorter, and have more knots."""
         if not self._effects.felt:
-            return FramePlan(fingers, t_plate_ns, self._frame_duration_ns, min(self.max_knots, solves), solves, [])
+            return FramePlan(fingers, t_plate_ns, self._frame_duration_ns, min(self.max_knots, solves), [])
         most = min(self._effect_knots, solves)
         span_ns, corners_ns = self._effects.frame(t_plate_ns, self._frame_duration_ns, most)
-        return FramePlan(fingers, t_plate_ns, span_ns, most, solves, corners_ns)
+        return FramePlan(fingers, t_plate_ns, span_ns, most, corners_ns)
 
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool

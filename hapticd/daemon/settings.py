@@ -8,7 +8,7 @@ from functools import partial
 from ..board_protocol import KNOTS_MAX, REFERENCE
 from ..config.sections import LEAST_CONTACT_MODES, Config
 from ..core.friction import FrictionCurve
-from ..core.pipeline import CONTACT_TOLERANCE_UM, POINT_TOLERANCE_UM, PipelineSettings
+from ..core.pipeline import PipelineSettings
 from ..core.prediction.motion import AdaptivePredictor
 from ..core.prediction.pad_memory import PadMemory
 from ..core.solver.felt_descent import UNCERTAIN_FRAC
@@ -48,7 +48,6 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
-        tolerance_um=CONTACT_TOLERANCE_UM if are_contacts else POINT_TOLERANCE_UM,
         uncertain_frac=max(math.hypot(unsure.map_frac, unsure.sensors_frac), UNCERTAIN_FRAC),
         max_knots=max_knots(config, config.device.baud),
         effect_knots=effect_knots(config, config.device.baud),

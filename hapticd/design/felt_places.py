@@ -114,8 +114,8 @@ def _descended(
     limits, start, modal_um = np.ascontiguousarray(limits_um), tuple(start_um.tolist()), []
     for phi in solved:
         fingers = finger_table(curve, list(targets_um), [0.0] * len(alike), alike, [0] * len(alike))
-        found, _ = descend(phi.tobytes(), weights, fingers, curve.table, limits, start, iterations, np.inf)
-        modal_um.append(found)
+        found = descend(phi.tobytes(), weights, fingers, curve.table, limits, start, iterations, (np.inf,))
+        modal_um.append(found[0][0])
     return np.array(modal_um).reshape(len(solved), -1)
 
 

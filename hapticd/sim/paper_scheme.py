@@ -14,7 +14,7 @@ import numpy as np
 from ..config import Config
 from ..core.pipeline import PipelineSettings
 from ..core.solver import solve
-from ..core.solver.instant import AskedPlace, InstantSolver, ModalSolution, clamped
+from ..core.solver.instant import AskedPlace, FingerTargets, InstantSolver, ModalSolution, clamped
 from ..core.touch.fingers import FingerPredictor
 from ..daemon.settings import pipeline_settings
 
@@ -61,8 +61,11 @@ def paper_config(config: Config) -> Config:
 class InverseSolver(InstantSolver):
     """The solver of the paper's scheme: `invert`, which needs nothing but places."""
 
-    def solve(self, places: list[AskedPlace], *_: Any, **__: Any) -> ModalSolution:
-        """The solution for these places, with real amplitudes."""
+    def along(self, instants: list[FingerTargets], *_: Any) -> list[ModalSolution]:
+        """The solutions at these instants, with real amplitudes."""
+        return [self._inverted(at.places) for at in instants]
+
+    def _inverted(self, places: list[AskedPlace]) -> ModalSolution:
         rows = tuple(map(tuple, self._modes.evaluate([place[:2] for place in places]).tolist()))
         modal_um, limited = invert(rows, tuple([target_um for _, _, target_um in places]), self._w_limit_um)
         got_um = [abs(sum([phi * w_um for phi, w_um in zip(row, modal_um, strict=True)])) for row in rows]

@@ -50,7 +50,8 @@ class BicubicSurfaces:
 
     def _at(self, points: FloatArray, *, has_slopes: bool) -> FloatArray:
         """Values, and slopes, (N, M, 1 or 3)."""
-        found = np.frombuffer(bytearray(evaluate(self.tables, POINT, points.tolist(), None, 0.0, has_slopes)))
+        places = np.ascontiguousarray(points, np.float64)
+        found = np.frombuffer(bytearray(evaluate(self.tables, POINT, places, None, 0.0, has_slopes)))
         return found.reshape(len(points), self._surfaces, 3 if has_slopes else 1)
 
 

@@ -98,17 +98,23 @@ static int read_numbers(PyObject *from, Py_ssize_t count, double *numbers)
     return !PyErr_Occurred();
 }
 
-static PyObject *evaluated(const Py_buffer *given, PyObject *places, PyObject *ellipses, double radius_mm, Py_ssize_t width)
+/* The places are a list, or an array (N, 2) in `many`. */
+static PyObject *evaluated(const Py_buffer *given, PyObject *places, const Py_buffer *many, PyObject *ellipses, double radius_mm,
+                           Py_ssize_t width)
 {
     const tables_t t = tables_of(given);
-    const Py_ssize_t points = doubles(&given[DISC]) / 3, contacts = PyList_GET_SIZE(places), size = t.modes * width;
+    const Py_ssize_t points = doubles(&given[DISC]) / 3, size = t.modes * width;
+    const Py_ssize_t contacts = many == NULL ? PyList_GET_SIZE(places) : doubles(many) / 2;
     const int has_ellipses = ellipses != Py_None;
     int fits = t.modes > 0 && (!has_ellipses || (PyList_Check(ellipses) && PyList_GET_SIZE(ellipses) == contacts));
     PyObject *bytes = PyBytes_FromStringAndSize(NULL, contacts * points * size * (Py_ssize_t)sizeof(double));
     double *next = bytes == NULL ? NULL : (double *)(void *)PyBytes_AS_STRING(bytes); /* aligned for them */
     for (Py_ssize_t contact = 0; fits && contact < contacts && next != NULL; contact++) {
         double own[] = {0.0, 0.0, radius_mm, 0.0, radius_mm};
-        fits = read_numbers(PyList_GET_ITEM(places, contact), 2, own);
+        if (many != NULL)
+            memcpy(own, (const double *)many->buf + 2 * contact, 2 * sizeof(double));
+        else
+            fits = read_numbers(PyList_GET_ITEM(places, contact), 2, own);
         if (has_ellipses && PyList_GET_ITEM(ellipses, contact) != Py_None)
             fits = fits && read_numbers(PyList_GET_ITEM(ellipses, contact), 3, own + 2);
         for (Py_ssize_t index = 0; fits && index < points; index++, next += size)
@@ -124,14 +130,19 @@ static PyObject *evaluated(const Py_buffer *given, PyObject *places, PyObject *e
 static PyObject *evaluate(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    Py_buffer given[4];
-    PyObject *places, *ellipses;
+    Py_buffer given[4], many;
+    PyObject *places, *ellipses, *answer = NULL;
     double radius_mm;
     int has_slopes;
-    if (!PyArg_ParseTuple(arguments, "(y*y*y*)y*O!Odp", &given[PATCHES], &given[X], &given[Y], &given[DISC], &PyList_Type,
-                          &places, &ellipses, &radius_mm, &has_slopes))
+    if (!PyArg_ParseTuple(arguments, "(y*y*y*)y*OOdp", &given[PATCHES], &given[X], &given[Y], &given[DISC], &places, &ellipses,
+                          &radius_mm, &has_slopes))
         return NULL;
-    PyObject *answer = evaluated(given, places, ellipses, radius_mm, has_slopes ? 3 : 1);
+    if (PyList_Check(places)) {
+        answer = evaluated(given, places, NULL, ellipses, radius_mm, has_slopes ? 3 : 1);
+    } else if (PyObject_GetBuffer(places, &many, PyBUF_C_CONTIGUOUS) == 0) {
+        answer = evaluated(given, NULL, &many, ellipses, radius_mm, has_slopes ? 3 : 1);
+        PyBuffer_Release(&many);
+    }
     for (int index = 0; index < 4; index++)
         PyBuffer_Release(&given[index]);
     return answer;

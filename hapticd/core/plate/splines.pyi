@@ -4,20 +4,21 @@ from collections.abc import Sequence
 
 from ...values import FloatArray
 from ..phasors import Phasors
-from .contact import ContactEllipse
+from .contact import Ellipses
 
 def evaluate(
     tables: tuple[memoryview, memoryview, memoryview],
     disc: FloatArray,
-    places: Sequence[Sequence[float]],
-    ellipses: list[ContactEllipse | None] | None,
+    places: Sequence[Sequence[float]] | FloatArray,
+    ellipses: Ellipses,
     radius_mm: float,
     has_slopes: bool,
     /,
 ) -> bytes:
-    """Return the values (N, Q, M) of the surfaces with these `BicubicSurfaces.tables` at the points of contacts, a list
-    (N,) of places that begin with x_mm and y_mm: ellipses, or discs of this radius; `disc` (Q, 3) has the points of
-    the unit disc, and their weights. With slopes (N, Q, M, 3): value and derivatives along x and y."""
+    """Return the values (N, Q, M) of the surfaces with these `BicubicSurfaces.tables` at the points of contacts:
+    ellipses, or discs of this radius, at a list (N,) of places that begin with x_mm and y_mm, or an array (N, 2) of
+    them; `disc` (Q, 3) has the points of the unit disc, and their weights. With slopes (N, Q, M, 3): value and
+    derivatives along x and y."""
 
 def perceive(
     tables: tuple[memoryview, memoryview, memoryview],

@@ -408,7 +408,10 @@ static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
     memcpy(before_um, p->w_um, sizeof before_um);
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
         most_um = fmax(most_um, p->targets_um[finger]);
-    if (largest_of(p, p->w_um) == 0.0 && iterations > 0) { /* from all modes alike, so that no pattern of signs is preferred */
+    if (most_um == 0.0 && iterations > 0) { /* nobody slips: silence is never slow */
+        memset(p->w_um, 0, sizeof p->w_um);
+        iterations = 0, most_step_um = INFINITY;
+    } else if (largest_of(p, p->w_um) == 0.0 && iterations > 0) { /* from all modes alike, so that no pattern of signs is preferred */
         iterations *= COLD;
         for (Py_ssize_t k = 0; k < p->modes; k++)
             p->w_um[k] = fmin(p->limits_um[k], most_um) * (pair_t){cos(COLD_TURN_RAD * (double)k), sin(COLD_TURN_RAD * (double)k)};
@@ -446,66 +449,94 @@ static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
 
 /* --- Python's arrays ------------------------------------------------------------------------------------------------- */
 
-static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_t iterations, double most_step_um,
+enum { SHAPES, WEIGHTS, FINGERS, CURVE, LIMITS, ARRAYS };
+
+/* Numbers that the own arrays of a problem take. */
+static size_t own_size(const problem_t *p)
+{
+    return (size_t)(p->room * (p->modes + 7) + p->fingers * (p->points * p->modes + 3) + 1);
+}
+
+/* Solves for the fingers of `table` (8, N), and writes its answers; `memory` has room for the problem's own arrays. */
+static int descend_in(problem_t *p, double *table, double *memory, Py_ssize_t iterations, double most_step_um)
+{
+    const Py_ssize_t n = p->fingers;
+    double *next = memory, **per_place[] = {&p->w_d_um, &p->w_q_um, &p->rms_um, &p->friction, &p->rate_1_um, &p->kappa, &p->pulled};
+    memset(memory, 0, own_size(p) * sizeof(double));
+    for (size_t index = 0; index < sizeof per_place / sizeof *per_place; index++, next += p->room)
+        *per_place[index] = next;
+    p->across = next, p->got = next + p->room * p->modes, p->logs = p->got + n, p->mean_um = p->logs + n, p->rows = p->mean_um + n;
+    memcpy(p->rows, p->shapes, (size_t)(n * p->points * p->modes) * sizeof(double));
+    p->targets_um = table, p->frictions = table + n, p->counted = table + 2 * n, p->stickiness = table + 3 * n;
+    p->gains = table + 4 * n, p->log_weights = table + 5 * n, p->errors = table + 6 * n, p->contact_rms_um = table + 7 * n;
+    p->still = p->moved = p->slipping = 0;
+    memset(p->off_um, 0, sizeof p->off_um);
+    return descend_for(p, iterations, most_step_um);
+}
+
+/* Solves for one instant after another; returns a list of pairs: W, and whether a limit keeps a finger from its target. */
+static PyObject *descend_along(problem_t *p, double *table, PyObject *steps_um, double *memory, Py_ssize_t iterations)
+{
+    const Py_ssize_t instants = PyTuple_GET_SIZE(steps_um), n = p->fingers;
+    PyObject *found = PyList_New(instants);
+    for (Py_ssize_t instant = 0; found != NULL && instant < instants; instant++, table += 8 * n) {
+        const int limited = descend_in(p, table, memory, iterations, PyFloat_AsDouble(PyTuple_GET_ITEM(steps_um, instant)));
+        PyObject *moved = PyTuple_New(p->modes);
+        for (Py_ssize_t k = 0; k < p->modes && moved != NULL; k++)
+            PyTuple_SET_ITEM(moved, k, PyComplex_FromDoubles(p->w_um[k][0], p->w_um[k][1]));
+        PyList_SET_ITEM(found, instant, moved == NULL ? NULL : Py_BuildValue("NO", moved, limited ? Py_True : Py_False));
+        p->shapes += n * p->points * p->modes;
+        if (instant + 1 < instants)
+            memcpy(table + 13 * n, table + 5 * n, (size_t)n * sizeof(double)); /* the weights */
+    }
+    if (PyErr_Occurred())
+        Py_CLEAR(found);
+    return found;
+}
+
+static PyObject *descend_over(const Py_buffer *given, PyObject *modal, PyObject *steps_um, Py_ssize_t iterations,
                               double uncertain_frac, double even_frac)
 {
-    enum { SHAPES, WEIGHTS, FINGERS, CURVE, LIMITS, ARRAYS };
     Py_ssize_t size[ARRAYS];
     for (int index = 0; index < ARRAYS; index++)
         size[index] = given[index].len / (Py_ssize_t)sizeof(double);
     const double *curve = given[CURVE].buf;
-    double *fingers = given[FINGERS].buf;
-    const Py_ssize_t n = size[FINGERS] / 8, q = size[WEIGHTS], m = size[LIMITS];
+    const Py_ssize_t instants = PyTuple_GET_SIZE(steps_um), q = size[WEIGHTS], m = size[LIMITS];
+    const Py_ssize_t n = instants > 0 ? size[FINGERS] / (8 * instants) : 0;
     problem_t p = {.fingers = n, .points = q, .modes = m, .pieces = (size[CURVE] - 2) / 3, .is_point = q == 1};
-    if (m > MOST_MODES || q < 1 || p.pieces < 1 || PyTuple_GET_SIZE(modal) != m || size[SHAPES] != n * q * m) {
+    if (m > MOST_MODES || q < 1 || p.pieces < 1 || PyTuple_GET_SIZE(modal) != m || size[SHAPES] != instants * n * q * m) {
         PyErr_SetString(PyExc_ValueError, "felt_descent: the arrays' lengths do not fit");
         return NULL;
     }
-    const Py_ssize_t room = n * q + n * q % 2;
-    double *memory = PyMem_Calloc((size_t)(room * (m + 7) + n * (q * m + 3) + 1), sizeof(double)), *next = memory;
-    if (memory == NULL)
-        return PyErr_NoMemory();
-    double **per_place[] = {&p.w_d_um, &p.w_q_um, &p.rms_um, &p.friction, &p.rate_1_um, &p.kappa, &p.pulled};
-    for (size_t index = 0; index < sizeof per_place / sizeof *per_place; index++, next += room)
-        *per_place[index] = next;
-    p.across = next, p.got = next + room * m, p.logs = p.got + n, p.mean_um = p.logs + n, p.rows = p.mean_um + n;
-    memcpy(p.rows, given[SHAPES].buf, (size_t)given[SHAPES].len);
-    p.room = room, p.shapes = given[SHAPES].buf, p.weights = given[WEIGHTS].buf, p.limits_um = given[LIMITS].buf;
+    p.room = n * q + n * q % 2;
+    p.shapes = given[SHAPES].buf, p.weights = given[WEIGHTS].buf, p.limits_um = given[LIMITS].buf;
     p.uncertain = p.is_point ? 0.0 : uncertain_frac * uncertain_frac, p.even = even_frac;
-    p.targets_um = fingers, p.frictions = fingers + n, p.counted = fingers + 2 * n, p.stickiness = fingers + 3 * n;
-    p.gains = fingers + 4 * n, p.log_weights = fingers + 5 * n, p.errors = fingers + 6 * n, p.contact_rms_um = fingers + 7 * n;
     p.full_um = curve[0], p.least = curve[1];
     p.starts_um = curve + 2, p.origins_um = p.starts_um + p.pieces, p.rates_1_um = p.origins_um + p.pieces;
     for (Py_ssize_t k = 0; k < m; k++) {
         const Py_complex w_um = PyComplex_AsCComplex(PyTuple_GET_ITEM(modal, k));
         p.w_um[k] = (pair_t){w_um.real, w_um.imag};
     }
-    PyObject *answer = NULL;
-    if (!PyErr_Occurred()) {
-        const int limited = descend_for(&p, iterations, most_step_um);
-        PyObject *moved = PyTuple_New(m);
-        for (Py_ssize_t k = 0; k < m && moved != NULL; k++)
-            PyTuple_SET_ITEM(moved, k, PyComplex_FromDoubles(p.w_um[k][0], p.w_um[k][1]));
-        if (PyErr_Occurred())
-            Py_CLEAR(moved);
-        answer = moved == NULL ? NULL : Py_BuildValue("NO", moved, limited ? Py_True : Py_False);
-    }
+    double *memory = PyMem_Malloc(own_size(&p) * sizeof(double));
+    if (memory == NULL)
+        return PyErr_NoMemory();
+    PyObject *found = PyErr_Occurred() ? NULL : descend_along(&p, given[FINGERS].buf, steps_um, memory, iterations);
     PyMem_Free(memory);
-    return answer;
+    return found;
 }
 
 static PyObject *descend(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    Py_buffer given[5];
-    PyObject *modal;
+    Py_buffer given[ARRAYS];
+    PyObject *modal, *steps_um;
     Py_ssize_t iterations;
-    double most_step_um, uncertain_frac = UNCERTAIN_FRAC, even_frac = EVEN_FRAC;
-    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!nd|dd", &given[0], &given[1], &given[2], &given[3], &given[4],
-                          &PyTuple_Type, &modal, &iterations, &most_step_um, &uncertain_frac, &even_frac))
+    double uncertain_frac = UNCERTAIN_FRAC, even_frac = EVEN_FRAC;
+    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!nO!|dd", &given[0], &given[1], &given[2], &given[3], &given[4], &PyTuple_Type,
+                          &modal, &iterations, &PyTuple_Type, &steps_um, &uncertain_frac, &even_frac))
         return NULL;
-    PyObject *answer = descend_over(given, modal, iterations, most_step_um, uncertain_frac, even_frac);
-    for (int index = 0; index < 5; index++)
+    PyObject *answer = descend_over(given, modal, steps_um, iterations, uncertain_frac, even_frac);
+    for (int index = 0; index < ARRAYS; index++)
         PyBuffer_Release(&given[index]);
     return answer;
 }

@@ -17,18 +17,18 @@ def descend(
     limits_um: FloatArray,
     modal_um: Phasors,
     iterations: int,
-    most_step_um: float,
+    most_steps_um: tuple[float, ...],
     uncertain_frac: float = ...,
     even_frac: float = ...,
     /,
-) -> tuple[Phasors, bool]:
-    """Return W (M,), moved by at most `most_step_um`, and whether a limit keeps a finger from its target; none of the
-    `iterations` only measures. W of 0 begins with all modes alike.
+) -> list[tuple[Phasors, bool]]:
+    """Return for K instants, each of which continues the one before, W (M,), moved by at most that of `most_steps_um`
+    (K,), and whether a limit keeps a finger from its target. W of 0 begins with all modes alike; where nobody slips, it
+    is 0. With no `iterations` W stays, and is only measured.
 
-    `shapes` (N, Q, M) are those at the points of contacts, which have `weights` (Q,); with one point each finger is
-    one. `fingers` (8, N) are target in um, friction, how much an error counts at most (`counted_jnd`), stickiness, gain
-    with speed and logarithm of the weight; then come, as answers, errors in just noticeable differences and the RMS
-    over each contact. Weights are kept from call to call, from 0 on. `curve` is a `FrictionCurve.table`.
-
-    Where a contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
+    `shapes` (K, N, Q, M) are those at the points of contacts, which have `weights` (Q,); with one point each finger is
+    one: still ones get exactly 0, and the squares of the others' errors in um are least. `fingers` (K, 8, N) are target
+    in um, friction, how much an error counts at most (`counted_jnd`), stickiness, gain with speed and logarithm of the
+    weight, kept from the first instant on; then come, as answers, errors in just noticeable differences and the RMS
+    over each contact. `curve` is a `FrictionCurve.table`.
     """

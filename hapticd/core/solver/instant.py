@@ -56,7 +56,7 @@ from ...values import FloatArray
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Phasors
 from ..plate.bicubic import POINT
-from ..plate.contact import SOLVED_DISC, ContactEllipse
+from ..plate.contact import SOLVED_DISC, Ellipses
 from ..plate.mode_shapes import ModeShapes
 from ..plate.splines import evaluate
 from .felt_descent import EVEN_FRAC, UNCERTAIN_FRAC, descend
@@ -80,6 +80,14 @@ DERATING_MM2_UM2: Final = 5.0  # least share of its target for a slipping finger
 STEEPEST_UM_MM: Final = 4.0  # of the reference along a still finger's way: a step of 1.5 um from knot to knot
 LEAST_SHARE: Final = 0.3  # a share falls to 0 and rises again within a knot or two: following it fully makes steps
 _PLACE: Final = Struct("6d")  # of two modes at a point: shape, and its derivatives along x and y
+
+
+class FingerTargets:
+    """The fingers at one instant: places with targets, and the gain of the amplitude that each needs as it slides."""
+
+    def __init__(self, places: list[AskedPlace], speed_gains: list[float]) -> None:
+        self.places: Final = places
+        self.speed_gains: Final = speed_gains
 
 
 class ModalSolution:
@@ -141,45 +149,51 @@ class InstantSolver:
         since_ns: int,
         speed_gains: list[float] | None = None,
         priorities: list[int] | None = None,
-        ellipses: list[ContactEllipse | None] | None = None,
+        ellipses: Ellipses = None,
     ) -> ModalSolution:
-        """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
-        `speed_gains` (N,), the gains of the amplitude that each finger needs as it slides, `priorities` (N,), and
-        `ellipses` (N,) where they are known. Without a slipping finger the amplitudes are 0; no mode moves by more than
-        the plate follows, so that a pattern that begins from silence keeps its contrast."""
-        solution = None if self.has_contacts else self._solve_two(places, previous_um)
-        if solution is not None:
-            return solution
-        fingers, targets_um = len(places), [target_um for _, _, target_um in places]
-        asked = self.curve, targets_um, speed_gains or [1.0] * fingers, priorities or [0] * fingers
-        if asked != self._asked:
-            had = self._table.tolist()
-            log_weights = had[5 * fingers : 6 * fingers] if len(had) == 8 * fingers else [0.0] * fingers
-            self._asked, self._table = asked, finger_table(self.curve, targets_um, log_weights, asked[2], asked[3])
-        if not any(target_um > 0.0 for target_um in targets_um):
-            return ModalSolution(places, [0.0] * fingers, (0j,) * len(previous_um), False)
-        most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns if self.has_contacts else math.inf
-        modal_um, limited = descend(
-            self.shapes(self._disc, places, ellipses),
-            self._weights,
-            self._table,
-            self.curve.table,
-            self.limits_um,
-            previous_um,
-            ITERATIONS,
-            most_step_um,
-            self.uncertain_frac,
-            self.even_frac,
-        )
-        return ModalSolution(places, self._table[7 * fingers :].tolist(), modal_um, limited)
+        """The solution at one instant, `since_ns` after the amplitudes `previous_um` (M,); see `along`."""
+        asked = FingerTargets(places, speed_gains or [1.0] * len(places))
+        return self.along([asked], [since_ns], previous_um, priorities or [0] * len(places), ellipses)[0]
+
+    def along(
+        self, asked: list[FingerTargets], since_ns: list[int], w_um: Phasors, ranks: list[int], ellipses: Ellipses
+    ) -> list[ModalSolution]:
+        """The solutions at a frame's instants, each `since_ns` after the one before, which it continues, as the first
+        does `w_um` (M,). Without a slipping finger the amplitudes are 0; no mode moves by more than the plate follows,
+        so that a pattern that begins from silence keeps its contrast. `ranks` (N,) are the fingers' priorities."""
+        if not self.has_contacts:
+            points: list[ModalSolution] = []
+            for at in asked:
+                two = self._solve_two(at.places, w_um)
+                points += [two] if two else self._descended([at], [math.inf], w_um, ranks, None)
+                w_um = points[-1].modal_um
+            return points
+        steps_um = [LEAST_STEP_UM + SLEW_UM_NS * span_ns for span_ns in since_ns]
+        return self._descended(asked, steps_um, w_um, ranks, ellipses)
+
+    def _descended(
+        self, asked: list[FingerTargets], steps_um: list[float], w_um: Phasors, ranks: list[int], ellipses: Ellipses
+    ) -> list[ModalSolution]:
+        fingers, table, places = len(ranks), array("d"), list[AskedPlace]()
+        for at in asked:
+            wants = self.curve, [target_um for _, _, target_um in at.places], at.speed_gains, ranks
+            if wants != self._asked:
+                had = self._table.tolist()
+                log_weights = had[5 * fingers : 6 * fingers] if len(had) == 8 * fingers else [0.0] * fingers
+                self._asked, self._table = wants, finger_table(self.curve, wants[1], log_weights, wants[2], ranks)
+            table += self._table
+            places += at.places
+        shapes = self.shapes(self._disc, places, None if ellipses is None else ellipses * len(asked))
+        given = shapes, self._weights, table, self.curve.table, self.limits_um, w_um, ITERATIONS, tuple(steps_um)
+        solutions: list[ModalSolution] = []
+        for modal_um, limited in descend(*given, self.uncertain_frac, self.even_frac):
+            self._table = table[8 * fingers * len(solutions) : 8 * fingers * (len(solutions) + 1)]
+            got_um = self._table[7 * fingers :].tolist()
+            solutions.append(ModalSolution(asked[len(solutions)].places, got_um, modal_um, limited))
+        return solutions
 
     def shapes(
-        self,
-        disc: FloatArray,
-        places: list[AskedPlace],
-        ellipses: list[ContactEllipse | None] | None = None,
-        *,
-        has_slopes: bool = False,
+        self, disc: FloatArray, places: list[AskedPlace], ellipses: Ellipses = None, *, has_slopes: bool = False
     ) -> bytes:
         """Return the shapes (N, Q, M), or with slopes, at each contact's points: a unit disc has these (Q, 3)."""
         return evaluate(self._modes.tables, disc, places, ellipses, self.contact_radius_mm, has_slopes)

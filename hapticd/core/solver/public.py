@@ -133,7 +133,8 @@ def _descended(
     at the points of contacts; a real start stays real."""
     weights = np.full(shapes.shape[1], 1.0 / shapes.shape[1])
     given = shapes.tobytes(), weights, fingers, CURVE.table, limits, tuple(map(complex, start))
-    return np.real(descend(*given, iterations, math.inf)[0])
+    ((modal_um, _),) = descend(*given, iterations, (math.inf,))
+    return np.real(modal_um)
 
 
 def _is_limited(modal: FloatArray, got: FloatArray, targets: FloatArray, limits: FloatArray) -> bool:

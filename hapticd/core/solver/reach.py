@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from ..phasors import Phasors
-from ..plate.contact import JUDGED_DISC, SOLVED_DISC, ContactEllipse
+from ..plate.contact import JUDGED_DISC, SOLVED_DISC, Ellipses
 from .felt_descent import COLD, descend
 from .instant import ITERATIONS, AskedPlace, InstantSolver, finger_table
 
@@ -41,7 +41,7 @@ class ReachSearch:
         places: list[AskedPlace],
         speed_gains: list[float],
         priorities: list[int],
-        ellipses: list[ContactEllipse | None] | None = None,
+        ellipses: Ellipses = None,
     ) -> None:
         self._solver: Final = solver
         self._targets_um: Final = [target_um for _, _, target_um in places[:-1]]
@@ -99,11 +99,9 @@ class ReachSearch:
         count, limits_um, curve = len(targets_um), self._solver.limits_um, self._solver.curve
         shapes, judged = (of_all[: count * len(of_all) // len(self._speed_gains)] for of_all in self._shapes)
         table = finger_table(curve, targets_um, state[1], self._speed_gains[:count], self._priorities[:count])
-        given, modal_um = (table, curve.table, limits_um), self._silence(0)[0]
-        unsure = self._solver.uncertain_frac, self._solver.even_frac
-        if any(target_um > 0.0 for target_um in targets_um):
-            modal_um, _ = descend(shapes, self._weights[0], *given, state[0], ITERATIONS, math.inf, *unsure)
-        descend(judged, self._weights[1], *given, modal_um, 0, math.inf, *unsure)
+        given, how = (table, curve.table, limits_um), ((math.inf,), self._solver.uncertain_frac, self._solver.even_frac)
+        ((modal_um, _),) = descend(shapes, self._weights[0], *given, state[0], ITERATIONS, *how)
+        descend(judged, self._weights[1], *given, modal_um, 0, *how)
         return (modal_um, table[5 * count : 6 * count].tolist()), table[6 * count : 7 * count].tolist()
 
 

@@ -11,7 +11,7 @@ from typing import Final
 from hapticd_contract.contents import Content, Noise
 from hapticd_contract.surfaces import Circle, Polygon, Surface
 
-from .textures import AmplitudeAt, Detail
+from .textures import AmplitudeAt
 from .virtual_paths import Walk
 
 OUTSIDE_UM: Final = -1.0  # no amplitude is negative
@@ -22,7 +22,7 @@ class Layer:
     """One surface with its owner and its place in the stack. `born` counts layers in the order in which they came."""
 
     def __init__(
-        self, owner: str, surface: Surface, texture: AmplitudeAt, detail: Detail, born: int, t_pose_ns: int
+        self, owner: str, surface: Surface, texture: AmplitudeAt, finest_mm: float, born: int, t_pose_ns: int
     ) -> None:
         self.name: Final = surface.name
         self.owner: Final = owner
@@ -35,8 +35,7 @@ class Layer:
         self.t_expires_ns = t_pose_ns
         self.replaces: Final = surface.blend == "replace"
         self.adds: Final = surface.blend == "add"
-        self.finest_mm: Final = detail.finest_mm
-        self.is_smooth: Final = detail.smooth
+        self.finest_mm: Final = finest_mm
         self._x_mm, self._y_mm = surface.position_mm
         self._vx_mm_s, self._vy_mm_s = surface.velocity_mm_s
         path = surface.path

@@ -19,7 +19,7 @@ from ...values import FingerKey
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from .effects import Effects
 from .surfaces import NEVER_NS, SurfaceSet
-from .textures import NO_DETAIL, AmplitudeAt, Detail, Textures, detail
+from .textures import AmplitudeAt, Textures, finest_mm
 from .virtual_paths import Walk
 
 MAX_CLIENTS = 16  # names cost a client nothing, so their number is bounded
@@ -36,11 +36,11 @@ class _Held:
     target: Content | None
     priority: int
     texture: AmplitudeAt | float | None  # None without a target
-    detail: Detail
+    finest_mm: float
     walk: Walk | None
 
 
-_UNHELD: Final = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, detail=NO_DETAIL, walk=None)
+_UNHELD: Final = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, finest_mm=math.inf, walk=None)
 
 
 class Scene:
@@ -163,9 +163,9 @@ class Scene:
         texture = self._held.get(key, _UNHELD).texture
         return texture(x_mm, y_mm) if callable(texture) else texture
 
-    def detail(self, key: FingerKey) -> Detail:
-        """Sampling that a finger's texture needs."""
-        return self._held.get(key, _UNHELD).detail
+    def finest_mm(self, key: FingerKey) -> float:
+        """How far apart samples of a finger's texture may be."""
+        return self._held.get(key, _UNHELD).finest_mm
 
     def virtual_names(self, t_ns: int) -> tuple[str, ...]:
         """The names of the virtual fingers at `t_ns`, in the order in which they came."""
@@ -236,13 +236,13 @@ class Scene:
     ) -> _Held:
         """Return the finger's new entry; what did not change is kept, so that a refreshed path keeps its phase."""
         before = self._held.get(key, _UNHELD)
-        texture, fine, walk = before.texture, before.detail, before.walk
+        texture, piece_mm, walk = before.texture, before.finest_mm, before.walk
         if target != before.target:
             texture = None if target is None else self._textures.of_target(target)
-            fine = NO_DETAIL if target is None else detail(target, self._plate_size_mm)
+            piece_mm = math.inf if target is None else finest_mm(target, self._plate_size_mm)
         if path is None or walk is None or walk.path != path:
             walk = None if path is None else Walk(path, t_ns)
-        return _Held(message.client, t_ns + message.ttl_ns, target, priority, texture, fine, walk)
+        return _Held(message.client, t_ns + message.ttl_ns, target, priority, texture, piece_mm, walk)
 
     def _in_force(self) -> list[Content]:
         """Return all targets and contents in force."""

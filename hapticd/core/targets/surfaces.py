@@ -17,7 +17,7 @@ from hapticd_contract.targets import ClientTargets
 
 from ..trajectory.gate import GRAIN_NS
 from .layer import Layer
-from .textures import AmplitudeAt, Textures, detail
+from .textures import AmplitudeAt, Textures, finest_mm
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -44,11 +44,9 @@ class Crossing(NamedTuple):
 
 
 class PathDetail(NamedTuple):
-    """Division of a finger's way: into at least so many pieces, whether they are without corners, and the
-    edges that it crosses."""
+    """Division of a finger's way: into at least so many pieces, and the edges that it crosses."""
 
     pieces: float
-    is_smooth: bool
     crossings: list[Crossing]
 
 
@@ -133,7 +131,7 @@ class SurfaceSet:
         x_mm, y_mm = predicted_mm(t_ns)
         end_x_mm, end_y_mm = predicted_mm(t_ns + span_ns)
         way_mm = math.hypot(end_x_mm - x_mm, end_y_mm - y_mm)
-        pieces, smooth = 1.0, True
+        pieces = 1.0
         crossed: list[Crossing] = []
         for layer in self.layers:
             if layer.is_far(x_mm, y_mm, t_ns, way_mm + layer.speed_mm_s * span_ns * 1e-9):
@@ -148,13 +146,12 @@ class SurfaceSet:
                 met_mm, met = meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
             if not met and not is_inside:
                 continue
-            smooth = smooth and layer.is_smooth and not turns_ns
             pieces = max(pieces, met_mm / layer.finest_mm)
             for at_ns, from_ns, to_ns in met:
                 crossed.append(Crossing(at_ns, from_ns, to_ns, layer, predicted_mm))
             if layer.replaces and is_inside and not met:
                 break  # it hides what is below
-        return PathDetail(pieces, smooth, crossed)
+        return PathDetail(pieces, crossed)
 
     def edges_ns(self, crossed: list[Crossing], t_ns: int, tolerance_um: float) -> list[int]:
         """Return the instants from `t_ns` on just before and just after the crossings of any fingers where what they
@@ -185,8 +182,8 @@ class SurfaceSet:
             t_pose_ns = before.t_pose_ns
         born = self._born if before is None else before.born
         self._born += before is None
-        fine = detail(surface.content, _size_mm(surface, self._textures.plate_size_mm))
-        return Layer(owner, surface, self._texture(surface), fine, born, t_pose_ns)
+        piece_mm = finest_mm(surface.content, _size_mm(surface, self._textures.plate_size_mm))
+        return Layer(owner, surface, self._texture(surface), piece_mm, born, t_pose_ns)
 
     def _texture(self, surface: Surface) -> AmplitudeAt:
         return self._textures.amplitude(surface.content, _size_mm(surface, self._textures.plate_size_mm))

@@ -19,7 +19,7 @@ from typing import Final
 from mypy_extensions import mypyc_attr
 
 from ...values import Contact, Finger, FingerFrame, TouchFrame
-from ..plate.contact import ContactEllipse
+from ..plate.contact import Ellipses
 from .contact_ellipse import ContactTracker, EllipseScale
 from .sensor_clock import GAP_PERIODS, SHORTEST_PERIODS, SensorClock
 
@@ -423,7 +423,7 @@ class Fingers:
             variances_mm2.append(0.5 * (xx_mm2 + yy_mm2))
         return variances_mm2
 
-    def ellipses(self, keys: Sequence[int | str]) -> list[ContactEllipse | None] | None:
+    def ellipses(self, keys: Sequence[int | str]) -> Ellipses:
         """Return the ellipse of each contact, None where the pad reports none, as for virtual fingers; None for all
         where the pad's ellipses are not used."""
         if self._ellipse_scale is None:

@@ -64,7 +64,7 @@ def test_tables_of_another_form_are_refused() -> None:
     given += [(tables, [(0.0,)], None), (tables, place, []), (tables, place, [(5.0,)]), (tables, [7], None)]
     given += [(None, place, None), (tables, [("x", 0.0)], None)]
     for wrong, places, ellipses in given:
-        with pytest.raises((ValueError, TypeError), match="lengths|None|real number"):
+        with pytest.raises((ValueError, TypeError), match=r"lengths|None|real number"):
             evaluate(wrong, POINT, places, ellipses, 5.0, False)
     for modal_um, curve in ((0j,) * 4, np.zeros(5)), ((0j,) * 3, np.zeros(4)), ((0j,) * 99, np.zeros(5)):
         with pytest.raises(ValueError, match="lengths"):

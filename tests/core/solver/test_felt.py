@@ -177,7 +177,7 @@ def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data:
     for _ in range(4):
         table = finger_table(curve, targets_um, logs, [1.0] * fingers, priorities)
         given = phi.tobytes(), weights, table, curve.table, limits_um, modal_um
-        modal_um, _ = descend(*given, ITERATIONS, math.inf)
+        ((modal_um, _),) = descend(*given, ITERATIONS, (math.inf,))
         logs, rms_um = table[5 * fingers : 6 * fingers].tolist(), table[7 * fingers :].tolist()
         assert np.isfinite(modal_um).all()
         assert np.isfinite(logs).all()

@@ -136,9 +136,8 @@ def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at(
     scene.set_targets(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
     assert scene.requested((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
     assert scene.requested((), (), T0_NS + TTL_NS) == []
-    assert scene.detail(1) == scene.detail("unknown") == (math.inf, True)
-    assert scene.detail(2) == (1.0, False)
-    assert scene.detail(5) == (1.0, True)
+    assert scene.finest_mm(1) == scene.finest_mm("unknown") == math.inf
+    assert (scene.finest_mm(2), scene.finest_mm(5)) == pytest.approx((1.0 / 8.0, 4.0 / 12.0))
 
 
 # --- whatever clients do ----------------------------------------------------------------------------------------

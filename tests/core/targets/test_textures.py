@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.core.targets.textures import MOST_RMS, AmplitudeAt, Textures, detail
+from hapticd.core.targets.textures import MOST_RMS, AmplitudeAt, Textures, finest_mm
 from hapticd_contract.contents import Amplitude, Content, Friction, Gradient, Grating, LevelMap, Noise
 
 PLATE_MM = (137.5, 100.0)
@@ -101,7 +101,7 @@ def test_the_duty_is_the_share_of_the_period_that_is_high_around_the_centre(duty
 @pytest.mark.parametrize("duty_frac", [5e-324, 1e-300, 1.0 - 2.0**-53])
 def test_the_detail_of_a_thin_stripe_is_at_least_a_micrometre(duty_frac: float) -> None:
     grating = Grating(0.1, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=duty_frac)
-    assert detail(grating, PLATE_MM).finest_mm == 1e-3
+    assert finest_mm(grating, PLATE_MM) == 1e-3
 
 
 def test_a_gradient_is_linear_along_its_angle_and_constant_beyond() -> None:
