@@ -102,8 +102,8 @@ class KnotPlanner:
             return [0]
         room, span_ns = plan.most_knots - len(plan.corners_ns), plan.span_ns
         pieces, edges_ns = self.pieces(plan.fingers.keys, moved_mm, plan.t_ns, span_ns, room)
-        over_waves = math.ceil(self.steepness_1_mm * max(moved_mm) / MOST_TURN)
-        pieces = max(pieces, min(over_waves, room - 1 - len(edges_ns)))
+        over_waves = min(room - 1 - len(edges_ns), self.steepness_1_mm * max(moved_mm) / MOST_TURN)
+        pieces = max(pieces, math.ceil(over_waves))
         times_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(pieces)]
         return sorted({*times_ns, *edges_ns, *plan.corners_ns, span_ns})
 

@@ -120,9 +120,8 @@ def encode_reference(seq: int, drive: SafeDrive, t_apply_us: int, has_pulse: boo
     amplitudes: list[float] = []
     for _, modal_um in knots:
         for w_um in modal_um:
-            w_d_um, w_q_um = (w_um, 0.0) if isinstance(w_um, float) else (w_um.real, w_um.imag)
-            amplitudes.append(w_d_um)
-            amplitudes.append(w_q_um)
+            amplitudes.append(w_um.real)
+            amplitudes.append(w_um.imag)
     floats = _truncated_to_float24(amplitudes)
     width = 2 * modes
     values: list[float] = []

@@ -46,7 +46,7 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
 
 def silence(t_apply_ns: int, modes: int, reasons: LimitReason = UNTOUCHED) -> SafeDrive:
     """One knot of zero amplitude in all modes."""
-    return SafeDrive(t_apply_ns, (Knot(0, (0.0,) * modes),), reasons)
+    return SafeDrive(t_apply_ns, (Knot(0, (0j,) * modes),), reasons)
 
 
 def _is_well_formed(drive: Drive, limit_um: tuple[float, ...], max_knots: int) -> bool:
