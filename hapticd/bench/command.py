@@ -35,7 +35,7 @@ PARTS = {
     "felt": Part("friction as asked over contacts: against its bound, and in the closed loop", 2.0),
     "firmware": Part("how fast and how well the plate follows", 0.1),
     "persons": Part("a person's friction curve by comparisons, of simulated observers", 0.9),
-    "worlds": Part("what fingers get in random laboratories, touched, with and without the person's curve", 15.0),
+    "worlds": Part("what fingers get in random laboratories, touched, with and without the person's curve", 20.0),
 }
 APART = "worlds"  # not part of `all`, for it takes longer than all
 ALL = "all"

@@ -25,7 +25,7 @@ from ..wire.board_messages import BoardDecoder
 from ..wire.framing import FrameSplitter
 
 COLLECTED = ("board_bytes", "written", "pass")  # the kinds of records that are read
-AFTER_START_S, _AFTER_FRAMES = 0.002, 0.25  # a frame starts with a step, followed in some ticks; a fast pad's is small
+AFTER_START_S, _AFTER_FRAMES = 0.002, 0.4  # a frame starts with a step, followed in some ticks; a fast pad's is small
 BEFORE_NEXT_S = 0.001
 _NEAR_S = 3.5e-3  # of samples around one, in which the voltage is straight: 2 ms in a recording
 _OUTPUT_DELAY_S = 50e-6  # from a tick to its voltage on the plate

@@ -17,9 +17,7 @@ from typing import Final
 
 Disc = list[tuple[float, float, float]]  # points of a contact: dx, dy from its centre, weight
 ContactEllipse = tuple[float, float, float]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes it of the unit disc
-Ellipses = (
-    list[ContactEllipse | None] | None
-)  # of fingers (N,), where they are known; None where all are discs or points
+Ellipses = list[ContactEllipse | None] | None  # of fingers (N,), where known; None where all are discs, or points
 
 CENTRE_WEIGHT: Final = 0.25
 RIM_WEIGHT: Final = 0.125
