@@ -2,9 +2,8 @@
 and the amplitudes, all solved for by one call of the kernel; and the reference in force, which may still hold.
 
 Between knots the board interpolates linearly. A chord of span h errs by h^2 W''/8, so that knots are needed where
-fingers move over the plate's waves, MOST_TURN from knot to knot, over textures, and at edges. To look where chords miss
-the solution is no better: with a knot wherever one missed by 0.04 um the same was felt with 1.2 to 1.6 times the
-solves.
+fingers move over the plate's waves, by KNOT_SPACING, over textures, and at edges. To look where chords miss the
+solution is no better: with a knot wherever one missed by 0.04 um the same was felt with 1.2 to 1.6 times the solves.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from .targets.surfaces import Crossing
 from .touch.fingers import Fingers
 from .trajectory.gate import SHORTEST_NS, silence
 
-MOST_TURN: Final = 0.23  # the plate's steepness times a finger's way, from knot to knot: a chord errs by 0.7 % of W
+KNOT_SPACING: Final = 0.23  # of a finger's way times the plate's steepness: a chord errs by 0.7 % of W
 _STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
 _NO_EDGES: Final[Sequence[int]] = ()
 _KEPT: Final = 6  # of references: the one in force at the newest sample is up to three passes old
@@ -102,7 +101,7 @@ class KnotPlanner:
             return [0]
         room, span_ns = plan.most_knots - len(plan.corners_ns), plan.span_ns
         pieces, edges_ns = self.pieces(plan.fingers.keys, moved_mm, plan.t_ns, span_ns, room)
-        over_waves = min(room - 1 - len(edges_ns), self.steepness_1_mm * max(moved_mm) / MOST_TURN)
+        over_waves = min(room - 1 - len(edges_ns), self.steepness_1_mm * max(moved_mm) / KNOT_SPACING)
         pieces = max(pieces, math.ceil(over_waves))
         times_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(pieces)]
         return sorted({*times_ns, *edges_ns, *plan.corners_ns, span_ns})

@@ -176,11 +176,11 @@ class InstantSolver:
     ) -> list[ModalSolution]:
         fingers, table, places = len(ranks), array("d"), list[AskedPlace]()
         for at in asked:
-            wants = self.curve, [target_um for _, _, target_um in at.places], at.speed_gains, ranks
-            if wants != self._asked:
+            key = self.curve, [target_um for _, _, target_um in at.places], at.speed_gains, ranks
+            if key != self._asked:
                 had = self._table.tolist()
                 log_weights = had[5 * fingers : 6 * fingers] if len(had) == 8 * fingers else [0.0] * fingers
-                self._asked, self._table = wants, finger_table(self.curve, wants[1], log_weights, wants[2], ranks)
+                self._asked, self._table = key, finger_table(self.curve, key[1], log_weights, key[2], ranks)
             table += self._table
             places += at.places
         shapes = self.shapes(self._disc, places, None if ellipses is None else ellipses * len(asked))
