@@ -38,7 +38,7 @@ class ErrorTally:
     def __init__(self, error_jnd: float) -> None:
         self._sum_jnd_ns, self._all_ns, self._spans_ns = 0.0, 0, [0] * BINS
         self._felt_ns = self._within_two_ns = 0
-        self._median, self._most = _Quantile(0.5), _Quantile(0.95)
+        self._median, self._error_95 = _Quantile(0.5), _Quantile(0.95)
         self.add(error_jnd, 1)
 
     def add(self, error_jnd: float, span_ns: int) -> None:
@@ -49,14 +49,14 @@ class ErrorTally:
         self._felt_ns += span_ns if index < 1.0 / BIN_JND else 0
         self._within_two_ns += span_ns if index < 2.0 / BIN_JND else 0
         self._median.follow(self._spans_ns, self._all_ns, index, span_ns)
-        self._most.follow(self._spans_ns, self._all_ns, index, span_ns)
+        self._error_95.follow(self._spans_ns, self._all_ns, index, span_ns)
 
     def figures(self) -> dict[str, float]:
         """Return the fields of `Perceived` that are over time."""
         return {
             "bias_jnd": self._sum_jnd_ns / self._all_ns,
             "median_jnd": BIN_JND * (self._median.index + 0.5),
-            "error_95_jnd": BIN_JND * (self._most.index + 0.5),
+            "error_95_jnd": BIN_JND * (self._error_95.index + 0.5),
             "felt_frac": self._felt_ns / self._all_ns,
             "within_two_frac": self._within_two_ns / self._all_ns,
         }

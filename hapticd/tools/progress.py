@@ -18,7 +18,7 @@ def progress_bar(what: str) -> Iterator[OnProgress]:
     from tqdm import tqdm
 
     form, every_s, after_s = (BAR, 0.1, 1.0) if sys.stderr.isatty() else (LINE, 10.0, 10.0)
-    tqdm.monitor_interval = 0  # no thread beside those of the work
+    tqdm.monitor_interval = 0  # no thread of its own
     how = {"bar_format": form, "mininterval": every_s, "delay": after_s, "miniters": 0, "leave": False, "ascii": ".#"}
     with tqdm(desc=what, total=1.0, **how) as bar:
         yield lambda done_frac: bar.update(min(done_frac, 1.0) - bar.n)

@@ -408,7 +408,7 @@ static int descend_for(problem_t *p, Py_ssize_t iterations, double most_step_um)
     memcpy(before_um, p->w_um, sizeof before_um);
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
         most_um = fmax(most_um, p->targets_um[finger]);
-    if (most_um == 0.0 && iterations > 0) { /* nobody slips: silence is never slow */
+    if (most_um == 0.0 && iterations > 0) { /* no finger slips: silence is never slow */
         memset(p->w_um, 0, sizeof p->w_um);
         iterations = 0, most_step_um = INFINITY;
     } else if (largest_of(p, p->w_um) == 0.0 && iterations > 0) { /* from all modes alike, so that no pattern of signs is preferred */

@@ -23,8 +23,8 @@ def descend(
     /,
 ) -> list[tuple[Phasors, bool]]:
     """Return for K instants, each of which continues the one before, W (M,), moved by at most that of `most_steps_um`
-    (K,), and whether a limit keeps a finger from its target. W of 0 begins with all modes alike; where nobody slips, it
-    is 0. With no `iterations` W stays, and is only measured.
+    (K,), and whether a limit keeps a finger from its target. W of 0 begins with all modes alike; where no finger slips,
+    it is 0. With no `iterations` W stays, and is only measured.
 
     `shapes` (K, N, Q, M) are those at the points of contacts, which have `weights` (Q,); with one point each finger is
     one: still ones get exactly 0, and the squares of the others' errors in um are least. `fingers` (K, 8, N) are target
