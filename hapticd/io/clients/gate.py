@@ -15,6 +15,7 @@ import asyncio
 import select
 import socket
 import struct
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -71,8 +72,9 @@ class Gate:
         self._listeners.append(listener)
         self._loop.add_reader(listener.socket, self._accept, listener)
 
-    def close(self) -> None:
-        """Pass on what ZeroMQ has sent, close all connections and remove the socket files."""
+    def close(self, linger_s: float = 0.0) -> None:
+        """Close all connections and remove the socket files; ZeroMQ's last messages are passed on for `linger_s`."""
+        t_end_s = time.monotonic() + linger_s
         for timer in (*self._pauses.values(), *([] if self._admission is None else [self._admission])):
             timer.cancel()
         for listener in self._listeners:
@@ -83,7 +85,7 @@ class Gate:
         while self._waiting:
             self._waiting.popleft()[1].close()
         for relay in tuple(self._relays):
-            relay.finish()
+            relay.finish(t_end_s)
 
     def _accept(self, listener: Listener) -> None:
         """Accept at most ACCEPTS connections; those that may stay wait to be admitted."""

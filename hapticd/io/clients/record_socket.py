@@ -29,7 +29,7 @@ WHOLE = b"record"
 WAITS = b"waits"
 SEND_HIGH_WATER = 2_000  # records, of four seconds, for a recorder that does not read; it misses the next
 RECEIVE_HIGH_WATER = 20_000  # of a recorder
-LINGER_MS = 200  # for the last record, when the daemon stops
+LINGER_S = 1.0  # for the last records, when the daemon stops
 MAX_READS = 8  # of one recorder and sweep: one that subscribes all the time must not hold up a pass
 
 
@@ -88,7 +88,7 @@ class RecordSocket:
         """Bind a socket for one recorder. Raises zmq.ZMQError, HapticdError."""
         assert self._context is not None
         socket = self._context.socket(zmq.XPUB)
-        socket.linger = LINGER_MS
+        socket.linger = int(LINGER_S * 1e3)
         socket.sndhwm = SEND_HIGH_WATER
         socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES
         socket.handshake_ivl = HANDSHAKE_MS
@@ -116,6 +116,6 @@ class RecordSocket:
         for inbox in self._recorders:
             inbox.socket.close()
         self._recorders.clear()
-        self._context.term()  # waits until the last records have left for the gate
+        self._gate.close(LINGER_S)  # first: a header fills the kernel's buffers, and ZeroMQ waits for those behind it
+        self._context.term()
         self._context = None
-        self._gate.close()

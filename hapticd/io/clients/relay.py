@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import select
 import socket
+import time
 from collections.abc import Callable
 
 CHUNK_BYTES = 65_536
@@ -74,10 +76,14 @@ class Relay:
         """Whether the client leaves bytes unread."""
         return len(self._to_client.waiting) > 0
 
-    def finish(self) -> None:
-        """Pass on what ZeroMQ has sent, as far as the client takes it at once, and close."""
-        while self._to_client.move() and not self.is_behind:
-            pass
+    def finish(self, t_end_s: float) -> None:
+        """Pass on what ZeroMQ sends until it has closed, from `t_end_s` on as far as it comes at once; then close."""
+        while not self._is_closed:
+            poll = select.poll()
+            poll.register(*((self._ends[0], select.POLLOUT) if self.is_behind else (self._ends[1], select.POLLIN)))
+            if not poll.poll(max(t_end_s - time.monotonic(), 0.0) * 1e3):
+                break
+            self._to_client.move()
         self.close()
 
     def close(self) -> None:
