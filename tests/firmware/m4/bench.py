@@ -72,6 +72,7 @@ class Bench:
         board = self.board
         self.chunk, self.chunk_us = board.chunk_samples, round(1e6 * board.chunk_samples / board.sample_hz)
         self.plate.sample_s = 1 / board.sample_hz
+        self._delay_frac = tuple(board.delay_frac(k) for k in range(board.modes))
         self.chunk_interrupt = board.chunk(board.modes)
         self.begin()
         self.settings = self.converters()
@@ -173,10 +174,9 @@ class Bench:
         """One chunk of the converters and of the line; its interrupt is pending then."""
         half, board = self.chunks % 2, self.board
         words = np.stack([self._lane(*place, half) >> board.played_shift for place in self.lanes.played], axis=1)
-        delays = [board.delay_frac(k) for k in range(board.modes)]
-        sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=delays)
+        sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=self._delay_frac)
         for place, column in zip(self.lanes.sampled, sampled.T, strict=True):
-            self._fill_lane(*place, half, column)
+            self._lane(*place, half)[:] = column
         self.motion_um.append(motion_um)
         self.played.append(words)
         self.chunks += 1
@@ -191,14 +191,7 @@ class Bench:
         self._move_line()
 
     def _lane(self, at: int, stride: int, half: int) -> npt.NDArray[np.uint16]:
-        data = self.cpu.read(at + stride * self.chunk * half, stride * (self.chunk - 1) + 2)
-        return np.frombuffer(data, dtype="<u2")[:: stride // 2]
-
-    def _fill_lane(self, at: int, stride: int, half: int, samples: npt.NDArray[np.uint16]) -> None:
-        begin = at + stride * self.chunk * half
-        data = np.frombuffer(self.cpu.read(begin, stride * (self.chunk - 1) + 2), dtype="<u2").copy()
-        data[:: stride // 2] = samples
-        self.cpu.write(begin, data.astype("<u2").tobytes())
+        return self.cpu.words(at + stride * self.chunk * half, stride, self.chunk)
 
     def come_round(self, *, instructions: int | None = None) -> bool:
         """The main loop from its wait to its next, or a number of instructions towards it; False if not there yet."""

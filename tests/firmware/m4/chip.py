@@ -10,9 +10,12 @@ no copy of RM0090 and RM0433 was at hand.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
+
+import numpy as np
 
 from . import image
 from .image import Image
@@ -176,13 +179,7 @@ class Chip:
         return self.name
 
 
-def _crc_of_byte(value: int) -> int:
-    for _ in range(8):
-        value = value << 1 ^ (0x104C11DB7 if value >> 31 else 0)
-    return value
-
-
-_CRC = [_crc_of_byte(byte << 24) for byte in range(256)]
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 class Registers:
@@ -213,6 +210,7 @@ class Registers:
         self._crystal, self._pll = crystal, pll
         self._updating = 0
         self._read_last = ""
+        self._summed: list[int] = []  # words of which CRC.DR has the sum
         self._effects = self._own_effects() | chip.effects(self)
 
     def _own_effects(self) -> dict[str, Effect]:
@@ -226,8 +224,8 @@ class Registers:
             "WWDG.CR": self._window_watchdog,
             "SCB.AIRCR": self._system_reset,
             "SCB.ICSR": self._pend_tick,
-            "CRC.CR": lambda _: self.values.__setitem__("CRC.DR", 0xFFFFFFFF),
-            "CRC.DR": self._crc,
+            "CRC.CR": lambda _: self._summed.clear(),
+            "CRC.DR": self._summed.append,
         }
         for name in names:
             block, register = name.split(".")
@@ -272,7 +270,7 @@ class Registers:
         if name == "IWDG.SR":
             self._updating = max(0, self._updating - 1)
             return 3 if self._updating else 0
-        value = self.values[name]
+        value = self._crc() if name == "CRC.DR" else self.values[name]
         if name == self.chunk_flags:
             self.on_look()
         self._was_read(name)
@@ -365,12 +363,10 @@ class Registers:
         assert value == 1 << 28, "PENDSVSET alone (PM0214, 4.4.3)"
         self.tick_pending = True
 
-    def _crc(self, word: int) -> None:
-        """RM0090, 4: the polynomial of Ethernet, the highest bit first."""
-        value = self.values["CRC.DR"] ^ word
-        for _ in range(4):
-            value = value << 8 & 0xFFFFFFFF ^ _CRC[value >> 24]
-        self.values["CRC.DR"] = value
+    def _crc(self) -> int:
+        """RM0090, 4: the polynomial of Ethernet, the highest bit first; zlib's has the lowest first."""
+        value = zlib.crc32(np.array(self._summed, ">u4").tobytes().translate(_REVERSED)) ^ 0xFFFFFFFF
+        return int(f"{value:032b}"[::-1], 2)
 
     def _forget_interrupt(self, _: int) -> None:
         self.pending = False

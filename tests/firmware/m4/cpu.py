@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import struct
 from collections.abc import Callable
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 from .chip import Chip
@@ -31,8 +34,10 @@ class Cpu:
         self.damaged: int | None = None  # a byte of the flash that is not what was written
         self._uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
         self._uc.ctl_set_cpu_model(getattr(arm, f"UC_CPU_ARM_CORTEX_{board.core}"))
-        for base, size in (*board.memories, (SCRATCH, 1 << 20)):
-            self._uc.mem_map(base, size)
+        self._memories = {base: bytearray(size) for base, size in (*board.memories, (SCRATCH, 1 << 20))}
+        for base, memory in self._memories.items():
+            pointer = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+            self._uc.mem_map_ptr(base, len(memory), unicorn.UC_PROT_ALL, pointer)
         self.flash = range(_FLASH, _FLASH + dict(board.memories)[_FLASH])
         self._uc.mem_map(board.identity_at & ~0xFFF, 0x1000)
         self._uc.mem_write(board.identity_at, bytes(range(1, 13)))
@@ -73,6 +78,11 @@ class Cpu:
 
     def write(self, address: int, data: bytes) -> None:
         self._uc.mem_write(address, data)
+
+    def words(self, address: int, stride: int, count: int) -> npt.NDArray[np.uint16]:
+        """A view of every `stride` bytes' first halfword."""
+        base = next(base for base, memory in self._memories.items() if base <= address < base + len(memory))
+        return np.frombuffer(self._memories[base], "<u2")[(address - base) // 2 :: stride // 2][:count]
 
     def run_to(self, symbol: str, *, instructions: int | None = None) -> bool:
         """Goes on until the symbol comes next; False if `stop` or the end of `instructions` came first."""

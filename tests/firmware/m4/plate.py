@@ -9,7 +9,6 @@ out: the amplifiers' and sensors' own bandwidth, the converters' settling, their
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -26,7 +25,7 @@ class _Response(NamedTuple):
     """Of a chunk of n samples, what each mode's state before it (M, n + 1), and each voltage (M, n + 1, n), make at the
     beginning of each sample and at the end; and (M,) how both go on until the sensor looks."""
 
-    key: tuple[float, ...]
+    key: tuple[int, float, tuple[float, ...]]
     powers: npt.NDArray[np.complex128]
     to_volts: npt.NDArray[np.complex128]
     later: npt.NDArray[np.complex128]
@@ -64,7 +63,7 @@ class Plate:
         return math.pi * self.mode_hz[k] / self.quality
 
     def advance(
-        self, words: npt.NDArray[np.uint16], *, connected: bool, delay_frac: float | Sequence[float]
+        self, words: npt.NDArray[np.uint16], *, connected: bool, delay_frac: tuple[float, ...]
     ) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.complex128]]:
         """Plays `words` (n, modes), right-aligned, and samples: words (n, modes), and the motion (n, modes).
 
@@ -77,10 +76,9 @@ class Plate:
         self._held = words[-1:]
         asked_v = (played - STEPS / 2) * STEP_V * self.amplifier_v_per_v
         voltage_v = asked_v.clip(-self.amplifier_limit_v, self.amplifier_limit_v) if connected else 0.0 * asked_v
-        delays = np.broadcast_to(delay_frac, len(self.mode_hz))
-        key = (len(words), self.sample_s, *delays.tolist())
+        key = len(words), self.sample_s, delay_frac
         if self._response is None or self._response.key != key:
-            self._response = self._responding(key, delays)
+            self._response = self._responding(key)
         of = self._response
         begun = of.powers * self._state[:, None] + (of.to_volts @ voltage_v[..., None])[..., 0]
         self._state = begun[:, -1]
@@ -89,17 +87,17 @@ class Plate:
         steps = motion_um.real / (self.sensor_um_per_v * STEP_V) + noise
         return np.rint(steps + STEPS / 2).clip(0, STEPS - 1).astype(np.uint16), motion_um
 
-    def _responding(self, key: tuple[float, ...], delays: npt.NDArray[np.float64]) -> _Response:
-        """z' = lambda z + b v with w = Re z, `delays` of a sample after each hold began."""
-        modes, n = range(len(self.mode_hz)), int(key[0])
+    def _responding(self, key: tuple[int, float, tuple[float, ...]]) -> _Response:
+        """z' = lambda z + b v with w = Re z."""
+        modes, (n, sample_s, delay_frac) = range(len(self.mode_hz)), key
         decay_1_s = np.array([self.decay_1_s(k) for k in modes])
         free_rad_s = np.sqrt((2 * math.pi * np.array(self.mode_hz)) ** 2 - decay_1_s**2)
         pole_1_s = -decay_1_s + 1j * free_rad_s
         gains = np.array([self.gain_um_per_v_s(k) for k in modes])
         per_volt = 2 * (2 * math.pi * DRIVE_HZ) * gains / (1j * free_rad_s)
-        powers = np.exp(pole_1_s[:, None] * self.sample_s * np.arange(n + 1))
+        powers = np.exp(pole_1_s[:, None] * sample_s * np.arange(n + 1))
         weight = per_volt * (powers[:, 1] - 1) / pole_1_s
         age = np.arange(n + 1)[:, None] - 1 - np.arange(n)  # of each held voltage at each sample
         to_volts = np.where(age < 0, 0.0, weight[:, None, None] * powers[:, age])
-        later = np.exp(pole_1_s * self.sample_s * delays)
+        later = np.exp(pole_1_s * sample_s * np.array(delay_frac))
         return _Response(key, powers, to_volts, later, per_volt * (later - 1) / pole_1_s)
