@@ -22,7 +22,7 @@ from hapticd.io.clients import keys
 from hapticd_client.control import Control
 from hapticd_client.endpoint import find
 
-FLOOD_S = 3.0
+FLOOD_S = 2.0
 MAX_RSS_MB = 150.0
 MIN_STATES_HZ = 30.0  # of ninety: they do not stop
 MIN_HELLOS_HZ = 2.0  # of dozens, each on a connection of its own
