@@ -283,11 +283,11 @@ class ActiveReference:
 
     def points_at(self, places: list[AskedPlace]) -> tuple[TouchPoint, ...]:
         """Return its fingers' points, at their present places."""
-        return tuple(map(_moved, self.points, places))
-
-    def um(self, t_ns: int) -> Phasors:
-        """Return its amplitudes at an instant: another continues them."""
-        return interpolated_um(self.drive, t_ns)
+        found: list[TouchPoint] = []
+        for n in range(len(places)):
+            (x_mm, y_mm, _), point = places[n], self.points[n]
+            found.append(TouchPoint(point.key, x_mm, y_mm, point.target_um, point.achieved_um, x_mm, y_mm))
+        return tuple(found)
 
     def past_um(self, t_ns: int) -> Phasors:
         """Return the amplitudes of the reference that was in force at `t_ns`, there."""
@@ -296,12 +296,6 @@ class ActiveReference:
             if drive.t_apply_ns <= t_ns:
                 active = drive
         return interpolated_um(active, t_ns)
-
-
-def _moved(point: TouchPoint, now: AskedPlace) -> TouchPoint:
-    """A finger's point at its present place, for a reference that stays in force."""
-    x_mm, y_mm, _ = now
-    return TouchPoint(point.key, x_mm, y_mm, point.target_um, point.achieved_um, x_mm, y_mm)
 
 
 def interpolated_um(drive: SafeDrive, t_ns: int) -> Phasors:

@@ -31,6 +31,7 @@ from .frame import (
     KnotPlanner,
     PipelineCounters,
     PlayedReference,
+    interpolated_um,
     touch_points,
 )
 from .friction import FrictionCurve
@@ -72,13 +73,11 @@ _EFFECT_NS: Final = 250.0  # of an effect that is felt, at one place, or may sta
 class PipelineSettings:
     """Pipeline settings.
 
-    `contact_radius_mm` above 0 makes
-    fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_ellipse`).
-    `uncertain_frac` is the relative standard deviation of a mode's amplitude.
-    `frame_duration_ns` is how long one frame must last: one and a half report periods, to
-    bridge a lost report; a slower pad gets frames of one and a half of its own, one of twice the rate half as long.
-    While an effect plays, a frame may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by
-    how much the plate follows its reference late.
+    `contact_radius_mm` above 0 makes fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them
+    (see `core.touch.contact_ellipse`). `uncertain_frac` is the relative standard deviation of a mode's amplitude.
+    `frame_duration_ns` is one and a half report periods, to bridge a lost report; a slower pad gets frames of one and a
+    half of its own, one of twice the rate half as long. While an effect plays, a frame may have `effect_knots`, and be
+    shorter: 1.1 report periods. `loop_delay_ns` is the plate's delay behind its reference.
     """
 
     w_limit_um: tuple[float, ...]
@@ -267,7 +266,7 @@ class Pipeline:
             self.counters.skipped_standing += 1
             return self._tick(t_now_ns, t_plate_ns, None, active.points_at(begin.places), active.limited)
 
-        first, last, knots = self._frame.polyline(plan, begin, end, active.um(t_apply_ns))
+        first, last, knots = self._frame.polyline(plan, begin, end, interpolated_um(active.drive, t_apply_ns))
         if len(knots) >= most_solves:
             self.counters.left_out_knots += max(self.max_knots - len(knots), 0)
         drive = gate(Drive(t_apply_ns, tuple(knots)), self._settings.w_limit_um)
