@@ -29,7 +29,7 @@ WHOLE = b"record"
 WAITS = b"waits"
 SEND_HIGH_WATER = 2_000  # records, of four seconds, for a recorder that does not read; it misses the next
 RECEIVE_HIGH_WATER = 20_000  # of a recorder
-LINGER_S = 1.0  # for the last records, when the daemon stops
+LINGER_S = 0.5  # for the last records, when the daemon stops
 MAX_READS = 8  # of one recorder and sweep: one that subscribes all the time must not hold up a pass
 
 
