@@ -133,7 +133,7 @@ def _draw_modes(axis: Any, tables: Mapping[str, _Table], part: _Part) -> None:
     modes = sorted({int(mode) for table in (did, references) if table for mode in table["mode"]})
     for mode in modes:
         colour = MODE_COLOURS[mode % len(MODE_COLOURS)]
-        mark = MODE_NAMES[mode] if mode < len(MODE_NAMES) else str(mode + 1)
+        mark = MODE_NAMES[mode] if mode < len(MODE_NAMES) else str(mode)
         asked = _of(references, "mode", mode)
         if asked:
             t_ns, reference_um = in_force(asked)

@@ -58,7 +58,7 @@ export function drawModes(canvas, modes, limits_um, colours) {
     context.lineTo(x, y + radius);
     context.stroke();
     context.fillStyle = colours.quiet;
-    const [name, limit] = [`${mode + 1}`, `${Number(limits_um[mode].toFixed(2))} µm`];
+    const [name, limit] = [`${mode}`, `${Number(limits_um[mode].toFixed(2))} µm`];
     if (rows > 1) {
       context.textAlign = "left";
       context.fillText(name, cell * column + 2, y - 3);
