@@ -81,7 +81,7 @@ version:
 	sed -i -E 's/^(#define HD_FIRMWARE_VERSION ")[^"]*/\1$(VERSION)/' firmware/core/core.h
 
 # What installation compiles: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] firmware/make_protocol.py hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*/*.py hapticd/core/*/*.c \
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] firmware/make_protocol.py hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*/*.py hapticd/core/*/*.[ch] \
     hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/*.py)
 
 # Installation makes it of firmware/core/protocol.h; this is for a checkout of another commit that was installed before.

@@ -12,7 +12,7 @@ def evaluate(
     places: Sequence[Sequence[float]] | FloatArray,
     ellipses: Ellipses,
     radius_mm: float,
-    has_slopes: bool,
+    has_slopes: bool = ...,
     /,
 ) -> bytes:
     """Return the values (N, Q, M) of the surfaces with these `BicubicSurfaces.tables` at the points of contacts:

@@ -3,10 +3,7 @@
  * The compiler may not fuse products into sums: every machine gives the same bits. tests/core/solver/test_felt_descent.py
  * has the same iteration on arrays. */
 
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-#include <math.h>
-#include <string.h>
+#include "../plate/surfaces.h"
 
 static const double WEBER_FRAC = 0.11;
 static const double RATE = 0.3;            /* of the weights */
@@ -31,8 +28,6 @@ static const double SAFE = 1e100;
 static const double INSIDE = 1.0 - 0x1p-50; /* of a limit: rounding leads nowhere beyond it */
 enum { MOST_MODES = 8 };
 
-/* Two numbers that are computed together: a phasor's d and q, those of two points, or of two modes. */
-typedef double pair_t __attribute__((vector_size(2 * sizeof(double)), aligned(sizeof(double))));
 #define INLINE static inline __attribute__((always_inline))
 
 typedef struct {
@@ -529,14 +524,19 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
 {
     (void)module;
     Py_buffer given[ARRAYS];
-    PyObject *modal, *steps_um;
+    PyObject *contacts, *modal, *steps_um, *answer = NULL;
     Py_ssize_t iterations;
     double uncertain_frac = UNCERTAIN_FRAC, even_frac = EVEN_FRAC;
-    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!nO!|dd", &given[0], &given[1], &given[2], &given[3], &given[4], &PyTuple_Type,
-                          &modal, &iterations, &PyTuple_Type, &steps_um, &uncertain_frac, &even_frac))
+    if (!PyArg_ParseTuple(arguments, "Oy*w*y*y*O!nO!|dd", &contacts, &given[1], &given[2], &given[3], &given[4],
+                          &PyTuple_Type, &modal, &iterations, &PyTuple_Type, &steps_um, &uncertain_frac, &even_frac))
         return NULL;
-    PyObject *answer = descend_over(given, modal, steps_um, iterations, uncertain_frac, even_frac);
-    for (int index = 0; index < ARRAYS; index++)
+    PyObject *shapes = PyTuple_Check(contacts) ? evaluate(NULL, contacts) : Py_NewRef(contacts);
+    if (shapes != NULL && PyObject_GetBuffer(shapes, &given[SHAPES], PyBUF_SIMPLE) == 0) {
+        answer = descend_over(given, modal, steps_um, iterations, uncertain_frac, even_frac);
+        PyBuffer_Release(&given[SHAPES]);
+    }
+    Py_XDECREF(shapes);
+    for (int index = WEIGHTS; index < ARRAYS; index++)
         PyBuffer_Release(&given[index]);
     return answer;
 }

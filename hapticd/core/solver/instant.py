@@ -183,8 +183,8 @@ class InstantSolver:
                 self._asked, self._table = key, finger_table(self.curve, key[1], log_weights, key[2], ranks)
             table += self._table
             places += at.places
-        shapes = self.shapes(self._disc, places, None if ellipses is None else ellipses * len(asked))
-        given = shapes, self._weights, table, self.curve.table, self.limits_um, w_um, ITERATIONS, tuple(steps_um)
+        contacts = self._modes.tables, self._disc, places, ellipses and ellipses * len(asked), self.contact_radius_mm
+        given = contacts, self._weights, table, self.curve.table, self.limits_um, w_um, ITERATIONS, tuple(steps_um)
         solutions: list[ModalSolution] = []
         for modal_um, limited in descend(*given, self.uncertain_frac, self.even_frac):
             self._table = table[8 * fingers * len(solutions) : 8 * fingers * (len(solutions) + 1)]
