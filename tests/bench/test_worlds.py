@@ -29,15 +29,12 @@ SECONDS, TOUCHING_S = 1.0, 8.0
 
 
 def one_touched(_: str, play: Callable[[Job], dict[str, Score]], jobs: Sequence[Job]) -> list[dict[str, Score]]:
-    """Play the fingertip plate, its laboratory alone with its touching; the others' scores stay as before it. Those of
-    the wide plate are the laboratory's."""
+    """Play the fingertip plate, touched in its laboratory alone; the wide plate's scores are that laboratory's."""
     found = list[dict[str, Score]]()
     for job in jobs:
-        if job.settings.plate.plate == WIDE:
-            found.append(found[0])
-            continue
-        is_touched = (job.settings.plate.plate, job.level) == (FINGERTIP, worlds.LABORATORY)
-        scores = play(job if is_touched else job._replace(touching_s=0.0))
+        plate = job.settings.plate.plate
+        is_touched = (plate, job.level) == (FINGERTIP, worlds.LABORATORY)
+        scores = found[0] if plate == WIDE else play(job._replace(touching_s=TOUCHING_S * is_touched))
         before = {name.replace(HAPTICD, GUIDED): one for name, one in scores.items() if name.endswith(HAPTICD)}
         found.append(before | scores)
     return found

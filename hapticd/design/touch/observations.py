@@ -15,7 +15,7 @@ from ...values import ComplexArray, FloatArray
 WINDOW_S = 0.02  # loads are constant within it: real ones change within 10 to 20 ms
 FEWEST_IN_WINDOW = 4  # samples, for the loads of two fingers to be determined
 MOST_FINGERS = 3  # down at once: loads of more take memory and time with each, and each tells less
-_FEW_MODES, _AVERAGED_ON_FEW, _AVERAGED = 3, 3, 5  # ticks: all costs fall with their number
+_FEW_MODES, _TICKS_ON_FEW, _TICKS = 3, 3, 5  # that are averaged: all costs fall with their number
 _SESSION_S = 1e5  # more than any recording lasts
 _SMOOTHED = 3  # samples of a finger to either side of each, through which a cubic is fitted
 
@@ -143,8 +143,8 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     groups = np.split(np.arange(len(ticks.t_s)), np.flatnonzero(is_new) + 1)
     count = is_down.sum(axis=0)
     kept = [one for one in groups if len(one) >= FEWEST_IN_WINDOW and 0 < count[one[0]] <= MOST_FINGERS]
-    averaged = _AVERAGED_ON_FEW if ticks.measured_um.shape[1] <= _FEW_MODES else _AVERAGED
-    edges = [_edges(group, averaged) for group in kept]
+    ticks_each = _TICKS_ON_FEW if ticks.measured_um.shape[1] <= _FEW_MODES else _TICKS
+    edges = [_edges(group, ticks_each) for group in kept]
     most = max((len(one) - 1 for one in edges), default=1)
     fingers = max((int(is_down[:, group[0]].sum()) for group in kept), default=1)
     place, is_used = np.zeros((len(kept), most), np.int64), np.zeros((len(kept), most), bool)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.plate.contact import SOLVED_DISC
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.felt_descent import descend
 from hapticd.core.solver.instant import ITERATIONS, SLEW_UM_NS, InstantSolver, finger_table
@@ -242,3 +243,10 @@ def test_a_reported_disc_gives_the_bits_of_a_configured_disc(plate: ModeShapes) 
     plain = solver(plate).solve(at, (0j,) * 4, MS)
     reported = solver(plate).solve(at, (0j,) * 4, MS, ellipses=[(5.0, 0.0, 5.0), None])
     assert plain.modal_um == reported.modal_um
+
+
+def test_a_call_by_contacts_equals_one_by_their_shapes(plate: ModeShapes) -> None:
+    at, ours, disc = places(PAIR_MM, (1.0, 0.0)), solver(plate), np.array(SOLVED_DISC)
+    table = finger_table(DEFAULT_FRICTION_CURVE, [1.0, 0.0], [0.0] * 2, [1.0] * 2, [0] * 2)
+    given = disc[:, 2].copy(), table, DEFAULT_FRICTION_CURVE.table, ours.limits_um, (0j,) * 4, ITERATIONS, (1.5,)
+    assert descend(ours.shapes(disc, at), *given)[0][0] == ours.solve(at, (0j,) * 4, MS).modal_um
